@@ -1,7 +1,8 @@
-"""Measurements beside peers, as ratios taken in one run: `python -m benchmarks [NAME ...]`, or `./dev bench`.
+"""Benchmarks against other libraries, as ratios within one run:
 
-A benchmark is a module with `run(seconds)`, which prints what it measures and returns an `Outcome`. Contenders take
-turns, so that a busy machine slows all alike, and a ratio is the median over rounds.
+`python -m benchmarks [NAME ...]`, or `./dev bench`. A benchmark is a module with `run(seconds)`, which prints its
+measurements and returns an `Outcome`. Contenders alternate, so that the load of the machine affects all alike. A ratio
+is the median over rounds.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "floor", "gp", "fli
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one benchmark found: figures, targets (a sentence with the figure in it, and whether it is met), and
-    what was not measured and why.
+    """Result of one benchmark: figures, targets (a sentence with the figure, and whether it is met), and omitted
+    measurements with the reason.
     """
 
     figures: dict[str, Any]
@@ -32,7 +33,7 @@ def rounds(
     seconds: float,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[str, np.ndarray]:
-    """Seconds a piece of each contender (a run, and how many pieces it does), round by round, taking turns.
+    """Return the seconds per unit of each contender (a function, and its number of units) in alternating rounds.
 
     Lasts about `seconds` in all, and at least 5 rounds (3 where those would take ten times as long); one run of each
     before that is not counted.
@@ -52,17 +53,17 @@ def rounds(
 
 
 def ratios(times: dict[str, np.ndarray], to: str) -> dict[str, float]:
-    """Each contender's time over that of one of them: the median over rounds."""
+    """Return each contender's time over that of a reference: the median over rounds."""
     return {name: float(np.median(t / times[to])) for name, t in times.items()}
 
 
 def microseconds(times: dict[str, np.ndarray]) -> dict[str, float]:
-    """Median of each contender, us."""
+    """Return the median of each contender [us]."""
     return {name: float(np.median(t)) * 1e6 for name, t in times.items()}
 
 
 def table(title: str, unit: str, times: dict[str, np.ndarray], to: str) -> None:
-    """Print microseconds and ratios, one line a contender."""
+    """Print microseconds and ratios, one line per contender."""
     found = ratios(times, to)
     print(title)
     for name, value in microseconds(times).items():

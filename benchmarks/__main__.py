@@ -27,18 +27,18 @@ PACKAGES = ("colift", "jax", "jaxlib", "numpy", "scipy", "mujoco", "pin", "sciki
 
 
 def title(name: str) -> str:
-    """The first line of a benchmark's docstring, read without importing it."""
+    """Return the first line of a benchmark's docstring without importing it."""
     docstring = ast.get_docstring(ast.parse((HERE / f"{name}.py").read_text()))
     return (docstring or "").splitlines()[0]
 
 
 def versions() -> dict[str, str]:
-    """Of Python, the C compiler and the packages that are there."""
+    """Return the versions of Python, the C compiler and the installed packages."""
     found = {"python": sys.version.split()[0]}
     compiler = os.environ.get("CC") or next(filter(shutil.which, ("cc", "gcc", "clang")), None)
     if compiler:
-        said = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
-        found["compiler"] = said.splitlines()[0]
+        output = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
+        found["compiler"] = output.splitlines()[0]
     for package in PACKAGES:
         try:
             found[package] = version(package)
@@ -48,20 +48,20 @@ def versions() -> dict[str, str]:
 
 
 def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Path) -> Path:
-    """Write what a benchmark found, whole or not at all."""
+    """Write the result of a benchmark atomically."""
     from colift.runtime.atomic_write import write_json_atomic
-    from evidence import head, machine, rests_on, uncommitted
+    from evidence import files_behind, head, machine, uncommitted
 
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{name}.json"
-    files = rests_on(HERE / f"{name}.py")
+    files = files_behind(HERE / f"{name}.py")
     content: dict[str, Any] = {
         "benchmark": name,
         "what": title(name),
         "date": dt.date.today().isoformat(),
         "command": shlex.join(["python", "-m", "benchmarks", name, "--seconds", f"{seconds:g}"]),
         "machine": machine(),
-        "load_average": os.getloadavg()[0],  # what other programs took of the machine
+        "load_average": os.getloadavg()[0],  # load by other programs
         "versions": versions(),
         "commit": head(),
         "uncommitted": uncommitted(files),
@@ -112,7 +112,7 @@ def main(arguments: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    # Caches start empty, so that what compiles here is compiled here; set before JAX is imported, which reads them.
+    # Caches start empty, so that compile times are measured; the variables are set before JAX is imported.
     with tempfile.TemporaryDirectory() as cache:
         os.environ["XDG_CACHE_HOME"] = cache
         os.environ.pop("JAX_COMPILATION_CACHE_DIR", None)

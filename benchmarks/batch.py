@@ -1,7 +1,7 @@
-"""1024 teams with different masses and states, two threads: steps a second beside `mujoco.rollout`.
+"""Batches: 1024 teams with different masses and states on two threads; steps per second compared with `mujoco.rollout`.
 
-The reference team 1024 times, each with its own masses (0.9 to 1.1 times the team's) and its own velocities, consistent
-with its grasp. Wall-clock seconds; the code is compiled once for all.
+Each copy of the reference team has random masses (0.9 to 1.1 times the nominal ones) and velocities that are consistent
+with its grasp. Times are wall-clock seconds; the code is compiled once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ TEAMS, STEPS, THREADS = 1024, 25, 2
 
 
 def teams(case: plant.Case) -> plant.Case:
-    """Every number on a leading axis: masses of the agents' bodies and velocities differ."""
+    """Return the batch: all values have a leading axis; masses of the agents' bodies and velocities differ."""
     rng = np.random.default_rng(0)
     team, z, inputs = jax.tree.map(lambda x: jnp.repeat(x[None], TEAMS, 0), case)
     mass = team.agent_groups[0].mass * rng.uniform(0.9, 1.1, team.agent_groups[0].mass.shape)
@@ -35,7 +35,7 @@ def teams(case: plant.Case) -> plant.Case:
 
 
 def run(seconds: float) -> Outcome:
-    """Seconds a step and team."""
+    """Measure seconds per step and team."""
     case = plant.carried(2)
     varied = teams(case)
     leaves, tree = jax.tree.flatten(varied)

@@ -33,7 +33,7 @@ jax.block_until_ready(jax.jit(by(step))(team, z, u, jnp.array(1e-3)))
 
 
 def run(seconds: float) -> Outcome:
-    """Import, trace, emit, compile, one step; JAX's own back end beside it."""
+    """Measure import, trace, code generation, compilation and one step; also with JAX's own back end."""
     del seconds  # one start is one start
     figures: dict[str, dict[str, dict[str, float]]] = {}
     for back_end in ("native", "JAX"):
@@ -69,6 +69,6 @@ def _start(command: list[str], env: dict[str, str]) -> dict[str, float]:
 
 
 def _cpu() -> float:
-    """CPU seconds of the processes that have ended, s."""
+    """Return CPU seconds of the ended child processes."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime

@@ -28,7 +28,7 @@ AGENTS = (2, 4, 8, 16)
 
 
 def full(model: gp.GPPosterior, rng: np.random.Generator) -> gp.GPPosterior:
-    """A posterior with as many points as it can hold."""
+    """Return a posterior at its capacity."""
     n = model.X.shape[-2]
     alpha = rng.normal(size=model.alpha.shape) * 1e-3
     return dataclasses.replace(
@@ -41,19 +41,23 @@ def full(model: gp.GPPosterior, rng: np.random.Generator) -> gp.GPPosterior:
 
 def ready(settings: Scenario) -> tuple[simulator.LoopConfig, simulator.LoopState, Any]:
     """Return C3 with full residual models at its initial state, and the noise of half a second."""
-    plan = colift.make_experiment(settings, "C3")
-    rng, oracle = np.random.default_rng(0), plan.controller.residual_model
-    oracle = dataclasses.replace(
-        oracle, payload=full(oracle.payload, rng), agents=tuple(full(group, rng) for group in oracle.agents)
+    case_experiment = colift.make_experiment(settings, "C3")
+    rng, model = np.random.default_rng(0), case_experiment.controller.residual_model
+    model = dataclasses.replace(
+        model, payload=full(model.payload, rng), agents=tuple(full(group, rng) for group in model.agents)
     )
     setup = dataclasses.replace(
-        plan, controller=dataclasses.replace(plan.controller, residual_model=oracle)
+        case_experiment, controller=dataclasses.replace(case_experiment.controller, residual_model=model)
     ).loop_config
-    return setup, simulator.reset(setup, plan.initial_state), plan.world.sample_noise(jax.random.key(0), TICKS)
+    return (
+        setup,
+        simulator.reset(setup, case_experiment.initial_state),
+        case_experiment.world.sample_noise(jax.random.key(0), TICKS),
+    )
 
 
 def many(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> Callable[[], object]:
-    """Half a second of flights that differ in noise and unknown forces."""
+    """Measure half a second of flights that differ in noise and residuals."""
     ticks, rng = jnp.asarray(TICKS), np.random.default_rng(1)
     shares = jnp.asarray(rng.uniform(0.5, 1.0, FLIGHTS))
     drawn = jax.tree.map(
@@ -69,7 +73,9 @@ def many(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> 
 
 
 def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
-    """CPU time of a tick an agent, native, of teams of N; ratios to N = 4, and seconds to compile and fly once."""
+    """Return CPU time per step and agent for teams of N, ratios to N = 4, and the duration of compilation and one
+    flight.
+    """
     contenders, first = {}, {}
     for n in AGENTS:
         setup, loop, noise = ready(scenario.parse(template.scenario_template("team", n, 2), "team.yaml"))
@@ -92,7 +98,7 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
 
 
 def run(seconds: float) -> Outcome:
-    """Ratios to JAX's loop in the same run; times real time; growth with the team."""
+    """Measure ratios to JAX's loop in the same run, real-time factor, and growth with the team."""
     setup, loop, noise = ready(colift.load_scenario("paper"))
     ticks, by_jax = jnp.asarray(TICKS), jax.jit(simulator._advance)
     contenders = {

@@ -1,9 +1,8 @@
-"""Where the time goes and what the floor is: operations counted in the emitted graph, over the measured peak.
+"""Theoretical minimum of the computing time: operations of the emitted graph over the measured peak rate.
 
-What the native back end emits is a graph of scalar operations, loops included. An addition, subtraction,
-multiplication, division or square root is one operation; sines and cosines are counted apart (a pair is one call).
-The peak is the rate of a 1500 x 1500 matrix product on one thread in the same run: eight lanes and fused
-multiply-adds, both full.
+The native back end emits a graph of scalar operations, including loops. An addition, subtraction, multiplication,
+division or square root is one operation; sines and cosines are counted separately (a pair is one call). The peak is the
+rate of a 1500 x 1500 matrix product on one thread in the same run, with full vector lanes and fused multiply-adds.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ BATCH = 1024
 
 
 def operations(f: Callable[..., Any], *args: Any) -> Counter[str]:
-    """How often each scalar operation is done in one call of `f`, as emitted."""
+    """Return the number of each scalar operation in one call of `f`, as emitted."""
     leaves, tree = jax.tree.flatten(args)
     jaxpr, _ = trace(f, tree, [jax.ShapeDtypeStruct(np.shape(x), jax.dtypes.result_type(x)) for x in leaves])
     g = Graph()
@@ -62,7 +61,7 @@ def _count(function: Function, need: liveness.Liveness) -> Counter[str]:
 
 
 def stages() -> dict[str, Callable[..., Any]]:
-    """One evaluation, further and further: what a stage adds to the count of the one before is its own."""
+    """Return cumulative stages of one evaluation; the cost of a stage is its difference to the one before."""
 
     def geometry(team: Team, z: State, _u: contact_dynamics.TeamInputs) -> Any:
         return vmap_agents(aerial_manipulator.forward_kinematics)(team.agent_groups[0], z.agents[0].r)
@@ -102,7 +101,7 @@ def stages() -> dict[str, Callable[..., Any]]:
 
 
 def run(seconds: float) -> Outcome:
-    """Counts for the reference team, and the measured step beside them."""
+    """Print the counts for the reference team and the measured step."""
     case = plant.carried(2)
     rows, before = {}, Counter()
     for name, f in stages().items():

@@ -1,8 +1,8 @@
-"""The GP core beside GPyTorch (exact mode) and scikit-learn, and beside its floor.
+"""The GP core compared with GPyTorch (exact mode), scikit-learn, and its theoretical minimum.
 
-6 outputs, 20 inputs. One thread for all is the fairest: threads of libraries that share busy cores wait for each
-other. The floor is the work's floating-point operations over the rate of a 1500 x 1500 matrix product, measured in
-the same run; it counts no memory traffic, which bounds `append` and the means.
+The problem has 6 outputs and 20 inputs. All libraries use one thread, since threads of several libraries on shared
+cores wait for each other. The minimum is the number of floating-point operations over the rate of a 1500 x 1500 matrix
+product, measured in the same run. It does not include memory traffic, which limits `append` and the means.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SKLEARN_LARGEST = 1000  # its gradient holds N x N x 22 numbers: 0.7 GB at 2000
 
 
 def dgemm_rate() -> float:
-    """Floating-point operations a second of a matrix product, best of ten."""
+    """Return floating-point operations per second of a matrix product, best of ten."""
     A = np.random.default_rng(0).normal(size=(1500, 1500))
     return 2 * 1500**3 / rounds({"dgemm": (lambda: A @ A, 1)}, 0.5)["dgemm"].min()
 
@@ -43,7 +43,7 @@ def data(N: int) -> tuple[np.ndarray, np.ndarray, gp.Hyperparameters]:
 
 
 def likelihood(N: int, peer: object, seconds: float) -> tuple[dict[str, np.ndarray], float]:
-    """Log likelihood and gradient of all outputs; the contenders must agree."""
+    """Measure log likelihood and gradient of all outputs; the contenders must agree."""
     X, Y, hyper = data(N)
     thetas = [
         np.log([hyper.signal_variance[i], *hyper.lengthscales[i], hyper.noise_variance[i]]) for i in range(OUTPUTS)
@@ -76,7 +76,9 @@ def likelihood(N: int, peer: object, seconds: float) -> tuple[dict[str, np.ndarr
 
 
 def append(N: int, peer: object, seconds: float) -> tuple[dict[str, np.ndarray], float]:
-    """One more point at N, ready for the next mean: in place as in a stream or a compiled loop, or with a copy of W."""
+    """Measure one more point at N until the next mean: in place as in a stream or compiled loop, or with a copy of
+    W.
+    """
     X, Y, hyper = data(N)
     x, y = jnp.asarray(X[-1]), jnp.asarray(Y[-1])
     posterior = gp.condition(X[:-1], Y[:-1], hyper, N)
@@ -101,7 +103,9 @@ def append(N: int, peer: object, seconds: float) -> tuple[dict[str, np.ndarray],
 
 
 def tick_of_24_means(N: int, seconds: float) -> tuple[dict[str, np.ndarray], float]:
-    """A payload of 6 outputs and two agents of 9, each on its own 20 inputs, in a scan of 1000 ticks; s a tick."""
+    """Measure seconds per step: a payload with 6 outputs and two agents with 9, each on its own 20 inputs, 1000
+    steps.
+    """
     rng = np.random.default_rng(0)
 
     def posterior(outputs: int) -> gp.GPPosterior:
@@ -113,6 +117,8 @@ def tick_of_24_means(N: int, seconds: float) -> tuple[dict[str, np.ndarray], flo
 
     @jax.jit
     def run(payload: gp.GPPosterior, agents: gp.GPPosterior) -> jax.Array:
+        """Measure every size on one thread."""
+
         def tick(x: jax.Array, _: None) -> tuple[jax.Array, None]:
             total = gp.mean(payload, x[0]).sum() + jax.vmap(gp.mean)(agents, x[1:]).sum()
             return x + 1e-6 * total, None  # the next tick needs this one
@@ -124,7 +130,7 @@ def tick_of_24_means(N: int, seconds: float) -> tuple[dict[str, np.ndarray], flo
 
 
 def queries(N: int, points: int, seconds: float) -> tuple[dict[str, np.ndarray], float]:
-    """Mean and variance of all outputs at many points; scikit-learn has one model an output, and so one kernel each."""
+    """Measure mean and variance of all outputs at many points; scikit-learn has one model and kernel per output."""
     X, Y, hyper = data(N)
     posterior = gp.condition(X, Y, hyper)
     x = np.random.default_rng(1).normal(size=(points, INPUTS))
@@ -155,7 +161,7 @@ def queries(N: int, points: int, seconds: float) -> tuple[dict[str, np.ndarray],
 
 
 def refused(N: int, seconds: float) -> tuple[dict[str, np.ndarray], float]:
-    """A point below the gate of `informative`, and one variance, in scans of 100 points; s a point."""
+    """Measure seconds per point for a refused point of `informative`, and for one variance, in scans of 100 points."""
     X, Y, hyper = data(N)
     posterior = gp.condition(X, Y, hyper)
     near, y = jnp.asarray(X[:100] + 1e-3), jnp.asarray(Y[:100])
@@ -182,7 +188,7 @@ def refused(N: int, seconds: float) -> tuple[dict[str, np.ndarray], float]:
 
 
 def report(what: str, N: int, times: dict[str, np.ndarray], operations: float, rate: float) -> dict[str, object]:
-    """Print one line a contender; milliseconds, ratios to colift and multiples of the floor."""
+    """Print one line per contender; milliseconds, ratios to colift and multiples of the minimum."""
     floor, found = operations / rate, ratios(times, "colift")
     for name, t in times.items():
         print(
@@ -198,7 +204,7 @@ def report(what: str, N: int, times: dict[str, np.ndarray], operations: float, r
 
 
 def peer() -> object:
-    """The tests' GPyTorch in exact mode, or None where it is not installed."""
+    """Return GPyTorch in exact mode as in the tests, or None if it is not installed."""
     try:
         from tests.support import gpytorch_exact
     except ImportError:
@@ -217,7 +223,7 @@ def run(seconds: float) -> Outcome:
         for N in SIZES:
             grown[N] = report("likelihood + gradient", N, *likelihood(N, other, seconds), rate)
             appended[N] = report("append", N, *append(N, other, seconds), rate)
-        asked = {
+        requested = {
             f"{points} at {N}": report(f"{points} queries", N, *queries(N, points, seconds), rate)
             for N, points in QUERIES
         }
@@ -228,7 +234,7 @@ def run(seconds: float) -> Outcome:
             "GFLOP_a_second": rate / 1e9,
             "likelihood and gradient": {str(N): found for N, found in grown.items()},
             "append": {str(N): found for N, found in appended.items()},
-            "queries, CPU time": asked,
+            "queries, CPU time": requested,
             "refused point, CPU time": {str(N): found for N, found in below.items()},
             "tick with 24 means at 500": tick,
         },
@@ -238,7 +244,7 @@ def run(seconds: float) -> Outcome:
 
 
 def targets(grown: dict, appended: dict, below: dict, tick: dict) -> Iterator[tuple[str, bool]]:
-    """What the figures are held to."""
+    """Return the targets of the figures."""
     at_500 = grown[500]["ratio_to_colift"]
     for name, least in (("GPyTorch", 2), ("scikit-learn", 6)):
         if name in at_500:

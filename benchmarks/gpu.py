@@ -1,7 +1,7 @@
-"""On a GPU, where JAX finds one: batches of 1 to 65 536 teams, steps per second of the JAX back end.
+"""GPU benchmark, if JAX has a GPU: steps per second of the JAX back end for batches of 1 to 65 536 teams.
 
-The plant's own functions under `jit`, `vmap` and `scan`, unchanged. JAX finds a GPU where its CUDA plug-in is
-installed (`pip install "jax[cuda12]"`), which the locks leave out.
+It uses the plant's functions under `jit`, `vmap` and `scan` without changes. A GPU requires JAX's CUDA plug-in (`pip
+install "jax[cuda12]"`), which the lock files do not contain.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ STEPS = 50
 
 
 def measure(device: jax.Device, batches: Iterable[int], steps: int, seconds: float) -> dict[str, float]:
-    """Steps times teams per second on a device, by batch size; every team with its own masses."""
+    """Return steps times teams per second on a device, by batch size; every team has its own masses."""
     case = plant.carried(2)
     leaves, tree = jax.tree.flatten(case)
     run = jax.jit(
@@ -45,13 +45,15 @@ def measure(device: jax.Device, batches: Iterable[int], steps: int, seconds: flo
 
 
 def _masses(case: plant.Case) -> list[bool]:
-    """Which leaves are masses and inertias of the agents: scaled together, so that every body stays physical."""
+    """Return which leaves are masses and inertias of the agents; they are scaled together, so that bodies stay
+    physical.
+    """
     (group,) = case[0].agent_groups
     return [x is group.mass or x is group.inertia for x in jax.tree.leaves(case)]
 
 
 def run(seconds: float) -> Outcome:
-    """On the first GPU."""
+    """Measure on the first GPU."""
     gpus = [device for device in jax.devices() if device.platform == "gpu"]
     if not gpus:
         kinds = ", ".join(sorted({device.device_kind for device in jax.devices()}))

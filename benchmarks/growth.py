@@ -1,7 +1,7 @@
-"""Growth with the number of agents: time a step and agent, of one team and of 16 at once, and time to compile.
+"""Growth with the number of agents: time per step and agent of one team and of 16 teams, and compile time.
 
-N agents in a row hold one payload. Inputs are the thrust that carries the weight; a step is 0.1 ms, so that the team
-stays near its start while it is timed: what a step costs depends on neither.
+N agents in a row hold one payload. Inputs are the thrust that carries the weight. A step is 0.1 ms, so that the team
+stays near its initial state; the cost of a step depends on neither.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ STEPS = 1000  # of one agent
 
 
 def contender(agents: int, samples: int) -> tuple[Callable[[], object], int, float]:
-    """A run, the steps times agents it does, and the seconds it took to trace, emit, compile and run it once."""
+    """Return a run, its number of steps times agents, and the seconds to trace, emit, compile and run it once."""
     leaves, tree = jax.tree.flatten(plant.carried(agents))
     steps = max(STEPS // agents // samples, 10)
     run = codegen.compile(
@@ -36,7 +36,7 @@ def contender(agents: int, samples: int) -> tuple[Callable[[], object], int, flo
 
 
 def run(seconds: float) -> Outcome:
-    """Ratios to N = 4."""
+    """Measure ratios to N = 4."""
     figures, targets, slowest = {}, {}, 0.0
     for samples in (1, 16):
         made = {str(n): contender(n, samples) for n in AGENTS}

@@ -1,9 +1,10 @@
-"""One team, one core: RK4 steps per CPU-second beside MuJoCo and Pinocchio, drift beside speed.
+"""One team on one core:
 
-The reference team (two agents, two arms and three joints each: 24 velocities, 12 constraints) from rest under the
-inputs that hold it and a nudge, at 1 ms. A step of ours is RK4 and the projection onto the grasp, with every number
-of the team an argument, not folded into the code; MuJoCo's is its RK4 with `connect` constraints, at its default
-stiffness; Pinocchio's four calls of its constrained forward dynamics from Python, and no update of the state.
+RK4 steps per CPU second and drift compared with MuJoCo and Pinocchio. The reference team (two agents with two arms and
+three joints: 24 velocities, 12 constraints) starts at rest under hover inputs plus a small change, with steps of 1 ms.
+A step of colift is RK4 and the projection onto the grasp; all team parameters are arguments and not constants of the
+code. MuJoCo uses its RK4 with `connect` constraints at default stiffness. Pinocchio's time is four calls of its
+constrained forward dynamics from Python, without an update of the state.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ STEPS = 500
 
 
 def run(seconds: float) -> Outcome:
-    """CPU seconds of one core, and the largest gap of each at the end."""
+    """Measure CPU seconds on one core, and the largest constraint error of each at the end."""
     team, z, (inputs,) = plant.hover(2)
     nudge = jnp.array([[0.02, 0.05, 0.01], [0.0, 0.03, -0.01]])  # N m: so that it moves
     case = team, z, (replace(inputs, tau=inputs.tau + nudge),)

@@ -17,7 +17,7 @@ from tests.support.pinocchio_team import PinocchioTeam
 
 
 def mujoco_team(team: Team) -> mujoco.MjModel:
-    """The same team in MuJoCo: contacts are `connect` constraints."""
+    """Return the same team in MuJoCo, with contacts as `connect` constraints."""
     numbers = lambda x: " ".join(repr(float(v)) for v in np.ravel(x))  # noqa: E731
     bodies, motors, grips = [], [], []
     (group,) = team.agent_groups
@@ -51,7 +51,7 @@ def mujoco_team(team: Team) -> mujoco.MjModel:
 
 
 def mujoco_state(model: mujoco.MjModel, case: Case) -> mujoco.MjData:
-    """A level state, and the inputs, in MuJoCo's coordinates. Anchors are set from the payload's contacts."""
+    """Return a level state and the inputs in MuJoCo's coordinates; anchors are set from the payload's contacts."""
     team, z, (u,) = case
     (group,), (a,) = team.agent_groups, z.agents
     origin = a.x - jax.vmap(aerial_manipulator.center_of_mass)(group, a.r)
@@ -70,7 +70,7 @@ def mujoco_state(model: mujoco.MjModel, case: Case) -> mujoco.MjData:
 
 
 def pinocchio_evaluations(case: Case) -> Callable[[], None]:
-    """Four evaluations of Pinocchio's constrained dynamics at the start state."""
+    """Return a function with four evaluations of Pinocchio's constrained dynamics at the initial state."""
     team, z, inputs = case
     peer = PinocchioTeam(team)
     q, v = peer.coordinates(z)
@@ -98,7 +98,7 @@ def pinocchio_evaluations(case: Case) -> Callable[[], None]:
 
 
 def mujoco_velocities(cases: Case) -> np.ndarray:
-    """Of level teams on a leading axis, in MuJoCo's coordinates: body origins (world), body rates, joints."""
+    """Return velocities of level teams in MuJoCo's coordinates: body origins (world), body rates, joints."""
     (group,), (a,), load = cases[0].agent_groups, cases[1].agents, cases[1].payload
     moving = jax.vmap(
         jax.vmap(lambda agent, r, r_dot: jax.jvp(lambda r: aerial_manipulator.center_of_mass(agent, r), (r,), (r_dot,)))

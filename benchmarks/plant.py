@@ -1,4 +1,4 @@
-"""The plant as the benchmarks fly it: the reference team of the tests, a step of RK4 and the projection."""
+"""The plant of the benchmarks: the reference team of the tests, with a step of RK4 and the projection."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Case = tuple[Team, State, contact_dynamics.TeamInputs]
 
 
 def step(team: Team, z: State, inputs: contact_dynamics.TeamInputs, dt: jax.Array) -> State:
-    """RK4 and the projection."""
+    """Return the state after RK4 and the projection."""
     return contact_dynamics.project_to_constraints(
         team, contact_dynamics.rkmk4_step(team, z, inputs, lambda _z, _t: zero_residual(team), dt)
     )
 
 
 def rollout(steps: int) -> Callable[..., State]:
-    """Many steps, one call."""
+    """Return the state after many steps in one call."""
 
     def run(team: Team, z: State, inputs: contact_dynamics.TeamInputs, dt: jax.Array) -> State:
         return jax.lax.scan(lambda z, _: (step(team, z, inputs, dt), None), z, None, length=steps)[0]
@@ -36,7 +36,7 @@ def rollout(steps: int) -> Callable[..., State]:
 
 
 def hover(agents: int) -> Case:
-    """The reference team at rest, and the inputs that hold it there."""
+    """Return the reference team at rest, and its hover inputs."""
     team = teams.reference_team(agents)
     z = contact_dynamics.consistent_initial_state(team, teams.reference_guess(agents))
     zero = (AgentInput(u=jnp.zeros(agents), tau=jnp.zeros((agents, 3)), tau_r=jnp.zeros((agents, 3))),)
@@ -50,7 +50,7 @@ def hover(agents: int) -> Case:
 
 
 def carried(agents: int) -> Case:
-    """The reference team with N agents at rest, each pulling up by its share of the weight."""
+    """Return the reference team with N agents at rest, each with an upward force of its share of the weight."""
     team = teams.reference_team(agents)
     weight = 9.81 * (team.agent_groups[0].mass.sum() + team.payload.mass)
     share = AgentInput(u=jnp.full(agents, weight / agents), tau=jnp.zeros((agents, 3)), tau_r=jnp.zeros((agents, 3)))

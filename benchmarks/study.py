@@ -1,4 +1,4 @@
-"""The paper's study, `colift study paper`, caches empty and full: wall-clock seconds, whole and by case."""
+"""The paper's study, `colift study paper`, with empty and full caches: wall-clock seconds in total and by case."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmarks import Outcome
 
 
 def run(seconds: float) -> Outcome:
-    """Two runs in processes of their own."""
+    """Measure two runs in child processes."""
     del seconds  # a study lasts as long as it lasts
     figures: dict[str, dict[str, object]] = {}
     with tempfile.TemporaryDirectory() as folder:

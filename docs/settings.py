@@ -1,4 +1,4 @@
-"""Rewrites the tables of scenarios.md from the models; run it after changing a setting."""
+"""Rewrite the tables of scenarios.md from the settings classes; run it after a change of a setting."""
 
 from pathlib import Path
 

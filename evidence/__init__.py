@@ -29,31 +29,31 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "evidence" / "results"
 
 
-def rests_on(proof: Path, root: Path = ROOT) -> dict[str, str]:
-    """Return the project's files behind a proof or a benchmark, relative to the root, and git's digest of each."""
+def files_behind(proof: Path, root: Path = ROOT) -> dict[str, str]:
+    """Return the project files behind an evidence module or a benchmark, with their git digests."""
     files = sorted(dependencies.closure(proof, root))
     return {path.relative_to(root).as_posix(): _digest(path) for path in files}
 
 
 def _digest(path: Path) -> str:
-    """What git calls the content of a file: `git hash-object`."""
+    """Return git's digest of a file: `git hash-object`."""
     return dependencies.digest(path.read_bytes())
 
 
 def head() -> str | None:
-    """The commit that is checked out; None outside of a repository."""
-    said = _git("rev-parse", "HEAD")
-    return said.strip() if said else None
+    """Return the commit that is checked out; None outside a repository."""
+    output = _git("rev-parse", "HEAD")
+    return output.strip() if output else None
 
 
 def uncommitted(files: Iterable[str]) -> list[str]:
-    """Those of the files that differ from the last commit; none outside of a repository."""
-    said = _git("status", "--porcelain", "--untracked-files=all", "--", *files)
-    return [line[3:] for line in (said or "").splitlines()]
+    """Return the files that differ from the last commit; none outside a repository."""
+    output = _git("status", "--porcelain", "--untracked-files=all", "--", *files)
+    return [line[3:] for line in (output or "").splitlines()]
 
 
 def _git(*words: str) -> str | None:
-    """The output of git in the project's folder, or None where there is no git or no repository."""
+    """Return the output of git in the project's folder, or None without git or repository."""
     try:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     except (subprocess.CalledProcessError, FileNotFoundError):
@@ -61,7 +61,7 @@ def _git(*words: str) -> str | None:
 
 
 def machine() -> str:
-    """The processor and how many of its cores this process may use."""
+    """Return the processor and the number of cores that this process may use."""
     from colift.codegen import build  # it imports JAX, which `status` does without
 
     names = [line.split(":", 1)[1].strip() for line in _cpuinfo() if line.startswith("model name")]
@@ -73,32 +73,36 @@ def _cpuinfo() -> list[str]:
     return path.read_text().splitlines() if path.exists() else []
 
 
-def behind(name: str) -> list[str]:
-    """Return the files that are no longer those a result was computed from; empty for one that holds today.
+def changed_files(name: str) -> list[str]:
+    """Return the files that changed since a result was computed; empty for an up-to-date result.
 
     Results that do not contain lock files are compared with the locks of their commit.
     """
-    made, now = _record(name), rests_on(ROOT / "evidence" / f"{name}.py")
-    then = made.get("files", {})
-    locks = {path for path in now if path.startswith(dependencies.LOCKS)}
-    if locks and not any(path in then for path in locks) and made.get("commit"):
-        then = then | {
-            path: of for path, of in _listed(ROOT, made["commit"], dependencies.LOCKS).items() if path in locks
+    record, files_now = _record(name), files_behind(ROOT / "evidence" / f"{name}.py")
+    files_then = record.get("files", {})
+    locks = {path for path in files_now if path.startswith(dependencies.LOCKS)}
+    if locks and not any(path in files_then for path in locks) and record.get("commit"):
+        files_then = files_then | {
+            path: digest
+            for path, digest in _listed(ROOT, record["commit"], dependencies.LOCKS).items()
+            if path in locks
         }
-    changed = (path for path in then | now if then.get(path) != now.get(path))
-    return sorted(path for path in changed if not (path in then and path in now and _same(then[path], path)))
+    changed = (path for path in files_then | files_now if files_then.get(path) != files_now.get(path))
+    return sorted(
+        path for path in changed if not (path in files_then and path in files_now and _same(files_then[path], path))
+    )
 
 
 @functools.cache
 def _listed(root: Path, commit: str, folder: str) -> dict[str, str]:
-    """The files below a folder of a commit and git's digest of each; none where git has no such commit."""
+    """Return the files below a folder of a commit with their git digests; none if git has no such commit."""
     del root
     lines = (_git("ls-tree", "-r", commit, "--", folder) or "").splitlines()
     return {line.split("\t")[1]: line.split()[2] for line in lines}
 
 
 def _same(digest: str, path: str) -> bool:
-    """Whether a file has the same meaning as the one of git's digest, see `dependencies.meaning`."""
+    """Return whether a file has the same meaning as the version with a git digest, see `dependencies.meaning`."""
     before, suffix = _blob(ROOT, digest) if path.endswith((".py", ".txt")) else None, Path(path).suffix
     if before is None:
         return False
@@ -116,9 +120,9 @@ def _record(name: str) -> dict[str, Any]:
 
 
 def stored(name: str) -> dict[str, Any]:
-    """Return what a result file holds, its items under the names of today (`evidence/renamed.json`)."""
-    made = _record(name)
-    return made | {"items": renamed(made["items"], name)}
+    """Return the contents of a result file with items under their present names (`evidence/renamed.json`)."""
+    record = _record(name)
+    return record | {"items": renamed(record["items"], name)}
 
 
 def renamed(value: Any, name: str = "") -> Any:
@@ -154,41 +158,41 @@ RENAMED = Path(__file__).with_name("renamed.json")
 
 
 class Replayed(BaseException):
-    """The end of a proof of which one item alone was computed, see `evidence.restamp`."""
+    """Signal that one item of an evidence module was computed, see `evidence.restamp`."""
 
     def __init__(self, item: str, value: Any) -> None:
         super().__init__(item)
         self.item, self.value = item, value
 
 
-replay: str | None = None  # the item that `collect` is to compute alone, without a look at what is stored
+replay: str | None = None  # the only item that `collect` computes, ignoring stored results
 
 
 def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> dict[str, Any]:
-    """Compute every item that `name`'s result file lacks, saving after each; the whole table.
+    """Compute every item that a result file lacks, saving after each, and return all items.
 
-    Raises SystemExit where a file that the proof rests on is not committed: nobody could repeat the result.
+    Raises SystemExit if a file behind the result is not committed, because the result could not be reproduced.
     """
     if replay is not None:
         if replay not in (items := list(items)):
             raise LookupError(f"{name} has no item {replay!r}; there are {', '.join(items[:5])}, ...")
         raise Replayed(replay, compute(replay))
     path = RESULTS / f"{name}.json"
-    found = stored(name)["items"] if path.exists() and not behind(name) else {}
-    left = [item for item in items if item not in found]
-    if left:
-        files = rests_on(ROOT / "evidence" / f"{name}.py")
+    found = stored(name)["items"] if path.exists() and not changed_files(name) else {}
+    missing = [item for item in items if item not in found]
+    if missing:
+        files = files_behind(ROOT / "evidence" / f"{name}.py")
         if changed := uncommitted(files):
             raise SystemExit(f"{name}: a result names the commit it can be repeated from; commit {', '.join(changed)}")
-        made = {"command": f"./dev evidence {name}", "machine": machine(), "commit": head()}
-    for item in left:
+        record = {"command": f"./dev evidence {name}", "machine": machine(), "commit": head()}
+    for item in missing:
         print(f"{name}: {item}", flush=True)
         found[item] = compute(item)
-        save(path, {**made, "date": dt.date.today().isoformat(), "files": files, "items": found})
+        save(path, {**record, "date": dt.date.today().isoformat(), "files": files, "items": found})
     return found
 
 
 def save(path: Path, value: Any) -> None:
-    """Write JSON, whole or not at all."""
+    """Write JSON atomically."""
     path.parent.mkdir(exist_ok=True)
     atomic_write.write_atomic(path, (json.dumps(value, indent=1, allow_nan=False) + "\n").encode())

@@ -1,4 +1,4 @@
-"""`python -m evidence [NAME ...]`: computes or resumes all results, or those named; also `status` and `restamp`."""
+"""`python -m evidence [NAME ...]`: compute or resume all results, or the named ones; also `status` and `restamp`."""
 
 from __future__ import annotations
 
@@ -10,22 +10,25 @@ import evidence
 from evidence import dependencies, restamp, status
 
 
-def proofs() -> list[str]:
-    """The names of all proofs."""
+def module_names() -> list[str]:
+    """Return the names of all evidence modules."""
     return sorted(m.name for m in pkgutil.iter_modules(evidence.__path__) if m.name not in dependencies.TOOLS)
 
 
-def main(names: list[str]) -> int:
-    """Run the proofs; the status is 1 if one of them does not hold, 2 for a name that does not exist."""
-    if names[:1] == ["status"]:
-        return status.main(names[1:], proofs())
-    if names[:1] == ["restamp"]:
-        return restamp.main(names[1:], proofs())
-    unknown = [name for name in names if name not in proofs()]
+def main(arguments: list[str]) -> int:
+    """Compute the results; the status is 1 if one misses its targets, 2 for an unknown name."""
+    if arguments[:1] == ["status"]:
+        return status.main(arguments[1:], module_names())
+    if arguments[:1] == ["restamp"]:
+        return restamp.main(arguments[1:], module_names())
+    unknown = [name for name in arguments if name not in module_names()]
     if unknown:
-        print(f"no proof {', '.join(unknown)}; there are {', '.join(proofs())}, status and restamp", file=sys.stderr)
+        print(
+            f"no result {', '.join(unknown)}; there are {', '.join(module_names())}, status and restamp",
+            file=sys.stderr,
+        )
         return 2
-    held = [(name, importlib.import_module(f"evidence.{name}").main()) for name in names or proofs()]
+    held = [(name, importlib.import_module(f"evidence.{name}").main()) for name in arguments or module_names()]
     for name, holds in held:
         print(f"{name}: {'holds' if holds else 'DOES NOT HOLD'}")
     return 0 if all(holds for _, holds in held) else 1
@@ -35,5 +38,5 @@ if __name__ == "__main__":
     try:
         sys.exit(main(sys.argv[1:]))
     except KeyboardInterrupt:
-        print("interrupted; the next run goes on from here", file=sys.stderr)
+        print("interrupted; the next run resumes", file=sys.stderr)
         sys.exit(130)

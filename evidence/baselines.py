@@ -1,4 +1,4 @@
-"""The rivals of learning, tuned on seeds that the study never flies: a grid for each, the mean e_p over the seeds."""
+"""Tuning of the baselines on seeds that the study does not use: a grid for each, mean e_p over the seeds."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def overrides(point: Mapping[str, Any]) -> list[str]:
     return [f"{name}={json.dumps(value)}" for name, value in point.items() if name != LEAD]
 
 
-def fly(item: str) -> float:
-    """Mean over the seeds of e_p RMS, m, of one setting of one rival; a flight that fails counts as 10 m."""
+def simulate_item(item: str) -> float:
+    """Return the mean e_p RMS [m] over the seeds for one setting of one baseline; a failed flight counts as 10 m."""
     case, k = item.split()
     total = 0.0
     for seed in SEEDS:
@@ -66,9 +66,9 @@ def fly(item: str) -> float:
 
 
 def main() -> bool:
-    """Fly the grids; the shipped scenario must hold settings within 5 % of each grid's best."""
+    """Simulate the grids; the settings of the shipped scenario must be within 5 % of each grid's best."""
     items = [f"{case} {k}" for case, grid in GRID.items() for k in range(len(grid))]
-    found = collect("baselines", items, fly)
+    found = collect("baselines", items, simulate_item)
     shipped = scenario.load_scenario("paper").model_dump()
 
     def value(name: str) -> Any:

@@ -1,9 +1,9 @@
-"""The scenario `certified`: 200 draws of the unknown forces, and adversaries that fit the data.
+"""Certificates of the scenario `certified`: 200 draws of the residual functions, and adversarial runs.
 
-Radii of all four errors beside what is observed, and each component at each time: none is exceeded (the energy bound
-and optimal recovery hold for certain, so the confidence is 1); how tight they are, with the floor that no learning
-removes and without; and radius over adversary, before its flight, and recomputed on the run that it produces. Then the
-same with the sensors of `paper`, whose noise is covered by a quantile, and with its filters.
+Each error and each of its components must stay below its bound at all times. The energy bound and optimal recovery hold
+with certainty, so their confidence is 1. The result contains the ratio of bound and observed error, with and without
+the nominal error, and the ratio of bound and error of the adversarial run, before the run and recomputed on it. Item
+`noise` uses the sensors of `paper`, whose noise is covered by a quantile, with their filters.
 """
 
 from __future__ import annotations
@@ -27,29 +27,29 @@ NAMES = ("energy", "recovery")
 _linear: dict[bool, Any] = {}  # the team's response, without and with noise, the same for all seeds
 
 
-def fly(item: str) -> dict[str, Any]:
+def simulate_item(item: str) -> dict[str, Any]:
     """Bounds and errors of one flight: `seed`, `seed noise`, or `seed adversarial_test` with the worst residual too."""
     seed, kind = int(item.split()[0]), item.partition(" ")[2]
     noise, settings = kind == "noise", scenario.load_scenario("certified")
-    settings = (noisy(settings) if noise else settings).model_copy(update={"seed": seed})
+    settings = (with_sensor_noise(settings) if noise else settings).model_copy(update={"seed": seed})
     made = certification.certify(settings, _linear.get(noise), NAMES)
     _linear[noise] = made.equilibrium_linearization
-    out = figures(made)
+    out = summary_values(made)
     if kind == "adversarial_test":
-        out["adversarial_test"] = figures(certification.run_adversarial_test(made))
+        out["adversarial_test"] = summary_values(certification.run_adversarial_test(made))
     return out
 
 
-def noisy(settings: Scenario) -> Scenario:
-    """With the sensors of `paper` and the filters that go with them."""
+def with_sensor_noise(settings: Scenario) -> Scenario:
+    """Return the scenario with the sensors of `paper` and the filters for their noise."""
     theirs = scenario.load_scenario("paper")
     filters = {name: getattr(theirs.control, name) for name in ("complementary_filter_Hz", "joint_filter_Hz")}
     control = settings.control.model_copy(update=filters)
     return settings.model_copy(update={"sensors": theirs.sensors, "control": control})
 
 
-def figures(made: certification.CertificationResult) -> dict[str, Any]:
-    """What is kept of a certificate; m, m/s, 1 and rad/s."""
+def summary_values(made: certification.CertificationResult) -> dict[str, Any]:
+    """Return the stored values of a certificate [m, m/s, 1, rad/s]."""
     found = made.certificate
     return {
         "num_samples": int(made.flight.model.payload.num_points),
@@ -70,7 +70,7 @@ def figures(made: certification.CertificationResult) -> dict[str, Any]:
 
 
 def residual_half_range(made: certification.CertificationResult) -> dict[str, float]:
-    """Half of the way between least and greatest residual in the window, least of all channels; N and N m."""
+    """Return half the range of the residual in the window, smallest over all channels [N, N m]."""
     rows, window = made.flight.records, made.certificate.window
     late = (rows.t >= window[0]) & (rows.t <= window[1])
     payload, agents = (np.ptp(np.asarray(f)[late], axis=0) / 2 for f in (rows.f_L, rows.f_x))
@@ -82,13 +82,13 @@ def residual_half_range(made: certification.CertificationResult) -> dict[str, fl
 
 
 def main() -> bool:
-    """Fly all draws, then the adversaries; print and judge."""
+    """Simulate all draws, then the adversarial runs; print and judge them."""
     share = RUNS // len(ADVERSARIES)  # after each some draws, so that a part of the proof has some of both
     items = []
     for k, seed in enumerate(ADVERSARIES):
         items += [f"{seed} adversarial_test", *(f"{FIRST + k * share + j}" for j in range(share))]
         items += [f"{seed} noise"] if seed in NOISES else []
-    found = collect("certified", items, fly)
+    found = collect("certified", items, simulate_item)
     of = {
         kind: [found[item] for item in items if item.partition(" ")[2] == kind]
         for kind in ("", "adversarial_test", "noise")
@@ -97,9 +97,9 @@ def main() -> bool:
 
 
 def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]], noises: Sequence[dict[str, Any]]) -> bool:
-    """Print what the flights, those of the adversaries and those in noise show; whether it holds."""
-    rests_on = dict.fromkeys(name for run in runs for name in run["unproven_assumptions"])
-    print(f"all radii are assumed: {', '.join(rests_on)}" if rests_on else "nothing is assumed")
+    """Print the results of all flights and return whether all bounds hold."""
+    assumptions = dict.fromkeys(name for run in runs for name in run["unproven_assumptions"])
+    print(f"all radii are assumed: {', '.join(assumptions)}" if assumptions else "nothing is assumed")
     for error in ERRORS:
         share = np.median(_of(runs, "nominal_error", error) / _of(runs, "observed", error))
         print(f"{error:8} floor / observed: median {100 * share:.0f} %")
@@ -141,7 +141,7 @@ TARGETS = {"e_p": (8, 14), "e_v": (8, 14), "e_R": (15, 15), "e_omega": (15, 15)}
 
 
 def _tightness(runs: Sequence[dict[str, Any]], name: str, where: str) -> bool:
-    """Print radius over observed of each error, and (radius - floor) over the response to the residuals.
+    """Print the ratio of bound and observed error, and (bound - nominal error) over the response to residuals.
 
     Returns:
         True if no radius is exceeded and the a priori radii of `recovery`, without the floor, meet `TARGETS`.
@@ -163,7 +163,7 @@ def _tightness(runs: Sequence[dict[str, Any]], name: str, where: str) -> bool:
 
 
 def _of(runs: Sequence[dict[str, Any]], *keys: str) -> np.ndarray:
-    """One number of each run, found by its keys."""
+    """Return one number of each run by its keys."""
     out: list[Any] = list(runs)
     for key in keys:
         out = [each[key] for each in out]

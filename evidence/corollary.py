@@ -1,7 +1,7 @@
-"""Corollary 1 in flight: radius and observed ultimate error against the number of data, towards the floor.
+"""Corollary 1 in simulation: bound and observed ultimate error against the number of samples.
 
-The samples of a flight are taken ever denser; hyperparameters, norm and label errors stay. The factor beta, the
-greatest deviation and their product are kept apart (docs/errata.md, row 17).
+The sampling rate of a flight increases; hyperparameters, norm and label errors are constant. The factor beta, the
+largest standard deviation and their product are stored separately (docs/errata.md, row 17).
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ CAPACITY = 160
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "corollary"
 
 
-def fly(seed: int, rate: float) -> dict[str, Any]:
-    """One flight, with its radii, whose samples are taken at that rate."""
+def simulate_item(seed: int, rate: float) -> dict[str, Any]:
+    """Return one flight with its bounds for a sampling rate."""
     settings = scenario.load_scenario("certified")
     learning = settings.learning.model_copy(update={"sample_Hz": rate, "max_samples": CAPACITY})
     made = certification.certify(
@@ -60,9 +60,9 @@ def _number(x: float) -> float | None:
 
 
 def main() -> bool:
-    """Fly all and draw; on the median over seeds, more data never certify a radius larger by more than a tenth."""
+    """Simulate and plot all; in the median over seeds, more data increase the bound by at most a tenth."""
     items = [f"{seed} {rate:g} Hz" for seed in SEEDS for rate in RATES]
-    found = collect("corollary", items, lambda item: fly(int(item.split()[0]), float(item.split()[1])))
+    found = collect("corollary", items, lambda item: simulate_item(int(item.split()[0]), float(item.split()[1])))
 
     def over(pick: Callable[[dict[str, Any]], float]) -> list[float]:
         return [float(np.median([pick(found[f"{seed} {rate:g} Hz"]) for seed in SEEDS])) for rate in RATES]

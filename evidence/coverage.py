@@ -1,9 +1,8 @@
-"""Error bounds of the GP on functions of known norm: how often each fails, and how loose it is.
-
-1000 functions drawn in the RKHS, with the norm that is stated; noise at the limit of what is assumed of it; data at
-inputs that do not depend on the noise, and gathered by a loop whose next input depends on the posterior and on past
-noise. A bound must fail no more often than its 1 - confidence wherever it claims to hold. Controls that must fail:
-bounds on noise that they do not claim, and the band `sqrt(B^2 - ||mean||^2) sigma`, which neglects the noise.
+"""Failure rates and tightness of GP error bounds on functions of known norm. 1000 functions are drawn in the RKHS
+with the stated norm, with noise at the assumed limit. Inputs are either independent of the noise, or chosen by a
+loop that depends on the posterior and on past noise. Where its assumptions hold a bound must not fail more often
+than 1 - confidence. Controls must fail: bounds for noise outside their assumptions, and `sqrt(B^2 - ||mean||^2)
+sigma`, which neglects the noise.
 """
 
 from __future__ import annotations
@@ -45,13 +44,13 @@ INPUTS = {"fixed": {BoundAssumption.FIXED_DESIGN}, "adaptive": {BoundAssumption.
 
 
 def correlation(X: Float[Array, "a d"], Z: Float[Array, "b d"]) -> Float[Array, "a b"]:
-    """The kernel: signal variance 1, one length-scale."""
+    """Return the kernel with signal variance 1 and one length-scale."""
     square = ((X[:, None] - Z[None]) ** 2).sum(-1)
     return jnp.exp(-0.5 * square / HYPER.lengthscales[0, 0] ** 2)
 
 
 def noise(key: Key[Array, ""], kind: str) -> Float[Array, " points"]:
-    """Noise of a kind, at the limit of what is assumed of it."""
+    """Return noise of a kind at its assumed limit."""
     if kind == "Gaussian":
         return NOISE * jax.random.normal(key, (POINTS,))
     sign = jax.random.rademacher(key, (POINTS,), float)
@@ -67,7 +66,7 @@ def noise(key: Key[Array, ""], kind: str) -> Float[Array, " points"]:
 
 @functools.partial(jax.jit, static_argnums=(1, 2))
 def gather(key: Key[Array, ""], kind: str, inputs: str, norm: float) -> tuple[Array, Array, Array, Array]:
-    """A function of norm B, as centres and coefficients, and data of it.
+    """Return a function of norm B, as centers and coefficients, and data of it.
 
     Adaptive inputs: where the last label lay above its prediction, a step nearby; else the most promising candidate,
     `argmax mean + 2 deviation`.
@@ -98,15 +97,15 @@ def gather(key: Key[Array, ""], kind: str, inputs: str, norm: float) -> tuple[Ar
     return Z, a, X, y
 
 
-def noise_free(p: gp.GPPosterior, norm: float) -> Float[Array, " outputs"]:
-    """`sqrt(B^2 - ||mean||^2)`, right for data without noise only; `||mean||^2 = r^T alpha - v |alpha|^2`."""
+def without_noise_term(p: gp.GPPosterior, norm: float) -> Float[Array, " outputs"]:
+    """`sqrt(B^2 - ||mean||^2)`, valid for noise-free data only; `||mean||^2 = r^T alpha - v |alpha|^2`."""
     square = jnp.sum(p.Y[:, 0] * p.alpha[0]) - NOISE**2 * jnp.sum(p.alpha[0] ** 2)
     return jnp.sqrt(jnp.maximum(norm**2 - square, 0.0))[None]
 
 
 def radii(p: gp.GPPosterior, deviation: Array, norm: float, R: float) -> dict[str, Array]:
-    """The radius of every bound on the grid, by its name and confidence."""
-    betas = {"energy": error_bounds.bounded_energy(p, norm, NOISE), "noise_free": noise_free(p, norm)}
+    """Return every bound on the grid by its name and confidence."""
+    betas = {"energy": error_bounds.bounded_energy(p, norm, NOISE), "noise_free": without_noise_term(p, norm)}
     found = {}
     for c in CONFIDENCES:
         betas[f"abbasi_yadkori {c}"] = error_bounds.abbasi_yadkori(p, norm, R, c)
@@ -121,7 +120,7 @@ def radii(p: gp.GPPosterior, deviation: Array, norm: float, R: float) -> dict[st
 
 @functools.partial(jax.jit, static_argnums=(3, 4))
 def judge(p: gp.GPPosterior, Z: Array, a: Array, norm: float, R: float) -> dict[str, tuple[Array, Array]]:
-    """For every bound the greatest error over radius on the grid, and the median of radius over error."""
+    """Return for every bound the largest error over bound on the grid, and the median of bound over error."""
     mean, deviation = jax.vmap(lambda x: (gp.mean(p, x)[0], jnp.sqrt(gp.variance(p, x)[0])))(GRID)
     error = jnp.abs(correlation(GRID, Z) @ a - mean)
     return {
@@ -131,7 +130,7 @@ def judge(p: gp.GPPosterior, Z: Array, a: Array, norm: float, R: float) -> dict[
 
 
 def recovered(key: Key[Array, ""], Z: Array, a: Array, X: np.ndarray, y: np.ndarray, norm: float) -> tuple:
-    """As `judge`, of optimal recovery at a few inputs; it fails where the truth is outside its interval."""
+    """Like `judge` for optimal recovery at some inputs; it fails if the true value is outside its interval."""
     inputs = jax.random.uniform(key, (RECOVERED_AT, DIMENSIONS), minval=-1.0, maxval=1.0)
     p = gp.condition(X, y[:, None], HYPER)
     worst, ratios = 0.0, []
@@ -143,8 +142,8 @@ def recovered(key: Key[Array, ""], Z: Array, a: Array, X: np.ndarray, y: np.ndar
     return worst, float(np.median(ratios))
 
 
-def fly(item: str) -> dict[str, dict[str, float]]:
-    """One chunk of draws of one case: how often each bound fails, and how loose it is."""
+def compute_item(item: str) -> dict[str, dict[str, float]]:
+    """Return failure rates and tightness of every bound for one chunk of draws of one case."""
     kind, inputs, norm, chunk = item.split(", ")
     B, R = float(norm.removeprefix("B = ")), DEVIATION[kind]
     worst: dict[str, list[float]] = {}
@@ -173,19 +172,19 @@ def fly(item: str) -> dict[str, dict[str, float]]:
 
 
 def _finite(value: float) -> float:
-    """JSON has no infinity, which is what a radius of zero gives."""
+    """Replace infinity, which JSON does not support; it results from a bound of zero."""
     return float(np.clip(value, -1e300, 1e300))
 
 
 def assumptions_met(bound: str, kind: str, inputs: str) -> bool:
-    """Whether a bound claims to hold for data of that kind."""
+    """Return whether the assumptions of a bound hold for data of that kind."""
     return bound in error_bounds.REQUIRED_ASSUMPTIONS and not error_bounds.unsatisfied(
         bound, CERTAIN | NOISES[kind] | INPUTS[inputs]
     )
 
 
 def summarize(chunks: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[str, object]]:
-    """Rates with exact (Clopper-Pearson) 95 % intervals, over all chunks."""
+    """Return rates over all chunks with exact (Clopper-Pearson) 95 % intervals."""
     table: dict[str, dict[str, object]] = {}
     for case in dict.fromkeys(item.rpartition(", ")[0] for item in chunks):
         kind, inputs, _ = case.split(", ")
@@ -208,10 +207,10 @@ def summarize(chunks: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[
 
 
 def main() -> bool:
-    """Every bound fails no more often than it allows wherever it claims to hold, and some control fails more often."""
+    """Where their assumptions hold all bounds must keep their failure rates; some control must exceed its rate."""
     cases = [f"{kind}, {inputs}, B = {norm}" for kind in NOISES for inputs in INPUTS for norm in NORMS]
     items = [f"{case}, {k}" for case in cases for k in range(DRAWS // CHUNK)]
-    chunks = {item: chunk for item, chunk in collect("coverage", items, fly).items() if item in items}
+    chunks = {item: chunk for item, chunk in collect("coverage", items, compute_item).items() if item in items}
     table = summarize(chunks)
     versions = {name: importlib.metadata.version(name) for name in ("clarabel", "jax", "numpy", "scipy")}
     collect("coverage", ["summary"], lambda _: {"versions": versions, "num_draws": DRAWS, "table": table})

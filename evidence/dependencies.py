@@ -32,7 +32,7 @@ DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "sklearn": "scikit-learn"
 
 
 def closure(proof: Path, root: Path) -> set[Path]:
-    """Return the project files that a proof depends on, see the module's description.
+    """Return the project files that an evidence module depends on, see the module's description.
 
     Args:
         proof: The proof's module.
@@ -73,12 +73,12 @@ def _strings(tree: ast.Module) -> frozenset[str]:
 
 
 def words(path: Path) -> frozenset[str]:
-    """Return the strings of a module that may be the name of a file or of a scenario."""
+    """Return the strings of a module that may be names of files or scenarios."""
     return _strings(parsed(path))
 
 
 def _beside(path: Path) -> set[Path]:
-    """Files in a module's folder whose names it contains."""
+    """Return files in a module's folder whose names it contains."""
     return {path.parent / name for name in words(path) & _listing(path.parent)}
 
 
@@ -94,7 +94,7 @@ def _files_in(folder: Path, changed: int) -> frozenset[str]:
 
 
 def _runs(tree: ast.Module) -> tuple[str, ...]:
-    """The folders in a module's `RUNS`, none if it has no such line."""
+    """Return the folders in a module's `RUNS`, none if it has no such line."""
     for node in tree.body:
         if isinstance(node, ast.Assign) and [ast.unparse(target) for target in node.targets] == ["RUNS"]:
             return ast.literal_eval(node.value)
@@ -103,13 +103,13 @@ def _runs(tree: ast.Module) -> tuple[str, ...]:
 
 @functools.cache
 def _imported(tree: ast.Module, path: Path, root: Path) -> frozenset[Path]:
-    """Files of the modules that a module imports at its top, and of the packages that hold them."""
+    """Return files of the modules that a module imports at its top, and of their packages."""
     return frozenset(file for name in _names(tree, _package(path, root)) for file in _files(name, root))
 
 
 @functools.cache
 def _names(tree: ast.Module, package: tuple[str, ...]) -> tuple[str, ...]:
-    """Dotted names that a module imports at its top, of modules or of what lies in them."""
+    """Return dotted names of modules or their members that a module imports at its top."""
     names: list[str] = []
     bound: dict[str, str] = {}  # names of whole modules: `import a.b` binds a, `import a.b as c` binds c to a.b
     for node in _top(tree.body):
@@ -131,7 +131,7 @@ def _names(tree: ast.Module, package: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _is_dotted(node: ast.AST) -> bool:
-    """Whether a node is `a.b` or `a.b.c`, names alone."""
+    """Return whether a node is `a.b` or `a.b.c` with names only."""
     if not isinstance(node, ast.Attribute):
         return False
     while isinstance(node, ast.Attribute):
@@ -140,7 +140,7 @@ def _is_dotted(node: ast.AST) -> bool:
 
 
 def _top(body: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
-    """Statements that run on import; not those for type checkers alone."""
+    """Yield statements that run on import, without those for type checkers only."""
     for node in body:
         if isinstance(node, ast.If):
             if "TYPE_CHECKING" not in ast.unparse(node.test):
@@ -153,7 +153,7 @@ def _top(body: Iterable[ast.stmt]) -> Iterator[ast.stmt]:
 
 
 def _package(path: Path, root: Path) -> tuple[str, ...]:
-    """The parts of the name of the package that holds a module."""
+    """Return the parts of the name of the package that contains a module."""
     for name, folder in PACKAGES.items():
         if path.is_relative_to(root / folder):
             return (name, *path.parent.relative_to(root / folder).parts)
@@ -161,7 +161,7 @@ def _package(path: Path, root: Path) -> tuple[str, ...]:
 
 
 def _files(name: str, root: Path) -> Iterator[Path]:
-    """Files of a dotted name: packages on the way, the module, and a module from which a package serves the name."""
+    """Yield files of a dotted name: its packages, the module, and a module from which a package serves the name."""
     parts = name.split(".")
     if parts[0] not in PACKAGES:
         return
@@ -186,7 +186,7 @@ def _file(parts: list[str], root: Path) -> Path | None:
 
 @functools.cache
 def _lazy(tree: ast.Module) -> dict[str, str]:
-    """Names of a package's `__init__` and the modules they come from: all of its tables of strings by strings.
+    """Return names of a package's `__init__` and their modules: all of its tables of strings by strings.
 
     Values that are no module give no file, so other tables do no harm. A pair `(module, name)` counts as its module.
     """
@@ -203,7 +203,9 @@ def _lazy(tree: ast.Module) -> dict[str, str]:
 
 
 def _locks(proof: Path, files: set[Path], root: Path) -> Iterator[Path]:
-    """Lock files behind a proof: that of what runs, and those that pin another package which its files import."""
+    """Return lock files behind an evidence module: the runtime lock, and locks of other packages that its files
+    import.
+    """
     run = root / LOCKS / f"{RUN_LOCK}.txt"
     if not run.is_file():
         return
@@ -211,15 +213,15 @@ def _locks(proof: Path, files: set[Path], root: Path) -> Iterator[Path]:
     have = pins(run.read_text())
     python = [path for path in files if path.suffix == ".py"]
     foreign = {name for path in python for name in _foreign(parsed(path), path == proof)}
-    asked = {_normal(DISTRIBUTIONS.get(name, name)) for name in foreign}
+    requested = {_normal(DISTRIBUTIONS.get(name, name)) for name in foreign}
     for lock in sorted((root / LOCKS).glob("*.txt")):
-        if lock != run and asked & (pins(lock.read_text()).keys() - have.keys()):
+        if lock != run and requested & (pins(lock.read_text()).keys() - have.keys()):
             yield lock
 
 
 @functools.cache
 def _foreign(tree: ast.Module, within: bool) -> frozenset[str]:
-    """First parts of the names that a module imports from elsewhere, at its top or also within functions."""
+    """Return the first parts of names that a module imports from elsewhere, at its top or within functions."""
     names: set[str] = set()
     for node in ast.walk(tree) if within else _top(tree.body):
         if isinstance(node, ast.Import):
@@ -248,7 +250,7 @@ def digest(content: bytes) -> str:
 
 @functools.cache
 def meaning(text: str, suffix: str) -> str:
-    """Return what of a file's text decides a result, as a digest.
+    """Return a digest of the part of a file's text that affects a result.
 
     Of a Python file its compiled code without docstrings, comments and layout; of a lock file its pins; of other files
     everything.
@@ -263,7 +265,7 @@ def meaning(text: str, suffix: str) -> str:
 
 
 def _strip(node: ast.AST) -> None:
-    """Remove statements that are a constant alone: docstrings among them."""
+    """Remove statements that are only a constant, such as docstrings."""
     for name in ("body", "orelse", "finalbody", "handlers", "cases"):
         inner = getattr(node, name, None)
         if not isinstance(inner, list):
@@ -277,7 +279,7 @@ def _strip(node: ast.AST) -> None:
 
 
 def _code(code: types.CodeType) -> list[object]:
-    """All of a code object but its lines, those within included."""
+    """Return all of a code object except its line numbers, including nested code objects."""
     own = [getattr(code, name) for name in dir(code) if name.startswith("co_") and name not in LINES]
     return [*own, [_code(one) if isinstance(one, types.CodeType) else repr(one) for one in code.co_consts]]
 

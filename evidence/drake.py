@@ -40,13 +40,13 @@ from evidence.engines import TARGETS, differences
 DURATION = 5.0  # s
 SUBSTEPS = (2, 4, 8)  # of a control period of 2 ms
 JUDGED = ("position_m", "attitude_deg", "relative_force_rms", "relative_force_peak")
-HELD = ("p", "R_L", "x", "R", "lam")  # what is compared
+HELD = ("p", "R_L", "x", "R", "lam")  # compared quantities
 MISSING = "drake: not installed; `.venv/bin/python -m pip install drake`, see the head of evidence/drake.py"
 
 
 @pytree
 class Drake:
-    """A team in Drake as the plant of a world. Its step is data, so flights at any step share one program."""
+    """A team in Drake as the plant of a world. The step is data, so flights with any step share one program."""
 
     h: Float[Array, ""]  # s, one of those of the hosts
     hosts: Hosts = static()
@@ -58,7 +58,7 @@ class Drake:
         inputs: TeamInputs,
         f: ResidualForces,
     ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
-        """As `engine.Mujoco.accelerate`."""
+        """Like `mujoco_plant.MujocoPlant.forward_dynamics`."""
         like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
         contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *mujoco_plant._join_groups(like), *mujoco_plant._join_groups(contacts)]
@@ -75,7 +75,7 @@ class Drake:
         residual: ResidualFunctionType,
         dt: Float[Array, ""],
     ) -> State:
-        """As `engine.Mujoco.step`."""
+        """Like `mujoco_plant.MujocoPlant.step`."""
 
         def one(k: Array, z: State) -> State:
             load, kind = jax.tree.flatten(z.payload)
@@ -88,10 +88,10 @@ class Drake:
 
 
 class Hosts:
-    """One host per step [s]; the last number of a request selects it."""
+    """One session per step [s]; the last number of a request selects it."""
 
     def __init__(self, team: Team, z: State, steps: Sequence[float]) -> None:
-        self.of = {h: Host(team, z, h) for h in steps}
+        self.of = {h: Session(team, z, h) for h in steps}
 
     def accelerate(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
         return self.of[rows[-1].item()].accelerate(*rows[:-1])
@@ -100,8 +100,8 @@ class Hosts:
         return self.of[rows[-1].item()].step(*rows[:-1])
 
 
-class Host:
-    """Drake's model of a team, stepped by h, s; rows of numbers are those of `engine.Host`, all in team order."""
+class Session:
+    """Drake's model of a team with step h [s]; rows of numbers are those of `mujoco_plant.MujocoSession`."""
 
     def __init__(self, team: Team, z: State, h: float) -> None:
         try:
@@ -141,7 +141,9 @@ class Host:
 
     @staticmethod
     def _read(parser: Any, root: ET.Element) -> list[Any]:
-        """Drake's model instance of every agent: one document a body, so that Drake counts centres of mass by agent."""
+        """Read Drake's model instance of every agent: one document per body, so that Drake computes centers of mass
+        by agent.
+        """
         bodies, shared, made = root.find("worldbody"), [root.find(tag) for tag in ("compiler", "option", "default")], []
         for body in list(bodies):
             alone = ET.Element("mujoco", model=f"{body.get('name')} alone")
@@ -152,13 +154,13 @@ class Host:
         return made[1:]  # the payload comes first
 
     def step(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The state, in rows, after one step."""
+        """Return the state after one step, as rows."""
         self._set(*rows)
         self.context.SetDiscreteState(self._next())
         return self._state()
 
     def accelerate(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
-        """`a_L, v_dot, xi_dot, lam` of a state under inputs and a residual: what Drake's next step makes of them.
+        """Return `a_L, v_dot, xi_dot, lam` of a state under inputs and a residual, from Drake's next step.
 
         A contact's force is what inverse dynamics of its agent leave over, by the Jacobians of its tips.
         """
@@ -198,7 +200,7 @@ class Host:
         )
 
     def _set(self, *rows: np.ndarray) -> np.ndarray:
-        """State, inputs and residual as `engine.Host` takes them; the generalized forces they make, N and N m."""
+        """Set state, inputs and residual as `MujocoSession` takes them; return the generalized forces [N, N m]."""
         plant, (*state, u, tau, tau_r, f_x, f_w, f_r, F, torque) = self.plant, rows
         self._place(*state)
         R_L, R = self._attitudes()
@@ -219,7 +221,7 @@ class Host:
         return given
 
     def _place(self, *state: np.ndarray) -> None:
-        """Drake's coordinates: first with all bases' origins at rest at zero, then moved by what their agents lack."""
+        """Set Drake's coordinates: first with all base origins at zero, then moved by the centers of mass."""
         R, x, r, omega, v, r_dot, R_L, p, omega_L, v_L = state
         plant = self.plant
         q, rates = np.zeros(plant.num_positions()), np.zeros(plant.num_velocities())
@@ -239,7 +241,7 @@ class Host:
         self.plant.SetPositionsAndVelocities(self.context, np.concatenate([q, v]))
 
     def _centres(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions, m, and velocities, m/s, of the agents' centres of mass."""
+        """Return positions [m] and velocities [m/s] of the agents' centers of mass."""
         plant, context = self.plant, self.context
         return (
             np.array([plant.CalcCenterOfMassPositionInWorld(context, [one]) for one in self.own]),
@@ -247,13 +249,13 @@ class Host:
         )
 
     def _attitudes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the payload, and of the agents' bases."""
+        """Return attitudes of the payload and of the agents' bases."""
         q = self.plant.GetPositions(self.context)
         R = Rotation.from_quat(q[self.q[:, None] + [0, 1, 2, 3]], scalar_first=True).as_matrix()
         return R[0], R[1:]
 
     def _state(self) -> tuple[np.ndarray, ...]:
-        """The inverse of `_place`."""
+        """Return the state by the inverse of `_place`."""
         q, rates = self.plant.GetPositions(self.context), self.plant.GetVelocities(self.context)
         R_L, R = self._attitudes()
         centre, speed = self._centres()
@@ -263,19 +265,21 @@ class Host:
         return tuple(np.ravel(x) for x in agents + load)
 
 
-def fly(plan: Experiment, plant: Drake | None = None) -> tuple[signals.StepRecord, float]:
-    """A flight, in ours where no other plant is given; and the processor time it took, s, compilation included."""
+def simulate_case(case_experiment: Experiment, plant: Drake | None = None) -> tuple[signals.StepRecord, float]:
+    """Return a flight, with the rigid-contact plant by default, and its processor time [s] with compilation."""
     if plant:
-        plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
+        case_experiment = dataclasses.replace(
+            case_experiment, world=dataclasses.replace(case_experiment.world, plant=plant)
+        )
     began = time.process_time()
-    flight = run_experiment(plan)
+    flight = run_experiment(case_experiment)
     if flight.termination_reason:
         raise SystemExit(f"drake: {flight.termination_reason}")
     return flight.records, time.process_time() - began
 
 
 def extrapolated(rows: Sequence[signals.StepRecord]) -> signals.StepRecord:
-    """Three flights, each at half the step of the one before, taken to a step of zero."""
+    """Return the extrapolation to step zero of three flights, each with half the step of the one before."""
     taken = {name: (np.array([1, -6, 8]) / 3) @ _stacked(rows, name) for name in HELD}
     return dataclasses.replace(rows[-1], **{k: x.reshape(getattr(rows[-1], k).shape) for k, x in taken.items()})
 
@@ -285,14 +289,18 @@ def _stacked(rows: Sequence[signals.StepRecord], name: str) -> np.ndarray:
 
 
 def judge(_: str) -> dict[str, Any]:
-    """Every step against ours, and what they go to; how the payload's path goes there."""
+    """Compare every step and the extrapolation with the rigid-contact plant, and the convergence of the payload's
+    path.
+    """
     from importlib.metadata import version
 
-    plan = dataclasses.replace(experiment.make_experiment(scenario.load_scenario("paper"), "C1"), duration=DURATION)
-    steps_s = [plan.dt / n for n in SUBSTEPS]
-    hosts = Hosts(plan.world.team, plan.initial_state, steps_s)
-    flights = [fly(plan, Drake(h=jnp.asarray(h), hosts=hosts)) for h in steps_s]
-    ours, ours_s = fly(plan)
+    case_experiment = dataclasses.replace(
+        experiment.make_experiment(scenario.load_scenario("paper"), "C1"), duration=DURATION
+    )
+    steps_s = [case_experiment.dt / n for n in SUBSTEPS]
+    hosts = Hosts(case_experiment.world.team, case_experiment.initial_state, steps_s)
+    flights = [simulate_case(case_experiment, Drake(h=jnp.asarray(h), hosts=hosts)) for h in steps_s]
+    ours, ours_s = simulate_case(case_experiment)
     rows = [row for row, _ in flights]
     found = {
         f"{2 / n:g} ms": differences(row, ours) | {"cpu_time_s": s}
@@ -311,7 +319,7 @@ def judge(_: str) -> dict[str, Any]:
 
 
 def main() -> bool:
-    """C1 in Drake, extrapolated, within the targets of MuJoCo's."""
+    """Simulate C1 in Drake; the extrapolation must meet the targets of MuJoCo's."""
     found = collect("drake", ("C1",), judge)["C1"]
     for name, row in (found["differences"] | {"extrapolated": found["extrapolated"]}).items():
         print(f"{name:14}", "  ".join(f"{what} {value:.3g}" for what, value in row.items()))

@@ -40,17 +40,19 @@ SETTINGS = {  # substeps, integrator, time constant in substeps (MuJoCo takes no
 }
 
 
-def fly(plan: flight.Experiment, plant: mujoco_plant.MujocoPlant | None) -> tuple[flight.FlightResult, float]:
-    """A flight, and the processor time of its ticks, s: compiled by a first flight of one tick."""
+def simulate_case(
+    c1_experiment: flight.Experiment, plant: mujoco_plant.MujocoPlant | None
+) -> tuple[flight.FlightResult, float]:
+    """Return a flight and the processor time of its steps [s], after compilation by a flight of one step."""
     if plant:
-        plan = dataclasses.replace(plan, world=dataclasses.replace(plan.world, plant=plant))
-    flight.run_experiment(dataclasses.replace(plan, duration=plan.dt))
+        c1_experiment = dataclasses.replace(c1_experiment, world=dataclasses.replace(c1_experiment.world, plant=plant))
+    flight.run_experiment(dataclasses.replace(c1_experiment, duration=c1_experiment.dt))
     began = time.process_time()
-    return flight.run_experiment(plan), time.process_time() - began
+    return flight.run_experiment(c1_experiment), time.process_time() - began
 
 
 def differences(a: signals.StepRecord, b: signals.StepRecord) -> dict[str, float]:
-    """Largest distance of positions and angle of attitudes at any time; contact forces below 10 Hz, of the force.
+    """Return largest differences of positions and attitudes, and relative difference of contact forces below 10 Hz.
 
     Forces: the RMS over contacts and time, and each contact's largest difference over its largest force.
     """
@@ -69,13 +71,16 @@ def differences(a: signals.StepRecord, b: signals.StepRecord) -> dict[str, float
     }
 
 
-def case(name: str) -> dict[str, Any]:
-    """One case of the study in both engines: figures of merit, and how far they are apart."""
+def compare_case(name: str) -> dict[str, Any]:
+    """Return metrics of one case in both engines, and their differences."""
     settings = scenario.load_scenario("paper")
-    plan = experiment.make_experiment(settings, name)
-    ours, ours_s = fly(plan, None)
-    theirs, theirs_s = fly(plan, mujoco_plant.mujoco_plant(plan.world.team, plan.initial_state, plan.dt))
-    team = plan.world.team, plan.controller.team
+    c1_experiment = experiment.make_experiment(settings, name)
+    ours, ours_s = simulate_case(c1_experiment, None)
+    theirs, theirs_s = simulate_case(
+        c1_experiment,
+        mujoco_plant.mujoco_plant(c1_experiment.world.team, c1_experiment.initial_state, c1_experiment.dt),
+    )
+    team = c1_experiment.world.team, c1_experiment.controller.team
     found = {who: metrics.summary(flight, *team)["e_p_rms_m"] for who, flight in (("colift", ours), ("mujoco", theirs))}
     stopped = ours.termination_reason or theirs.termination_reason
     return {
@@ -87,24 +92,24 @@ def case(name: str) -> dict[str, Any]:
 
 
 def compare_settings() -> dict[str, Any]:
-    """The first seconds of C1 under every setting, against ours."""
+    """Compare the first seconds of C1 under every MuJoCo setting with the rigid-contact plant."""
     settings = scenario.load_scenario("paper")
-    plan = dataclasses.replace(experiment.make_experiment(settings, "C1"), duration=SHORT_S)
-    ours, ours_s = fly(plan, None)
-    dt, found = plan.dt, {}
+    c1_experiment = dataclasses.replace(experiment.make_experiment(settings, "C1"), duration=SHORT_S)
+    ours, ours_s = simulate_case(c1_experiment, None)
+    dt, found = c1_experiment.dt, {}
     for name, (substeps, integrator, constant, impedance) in SETTINGS.items():
         softness = mjcf.ContactSoftness(time_constant=constant * dt / substeps, impedance=impedance)
-        plant = mujoco_plant.mujoco_plant(plan.world.team, plan.initial_state, dt, substeps, softness)
-        plant.host.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
-        theirs, seconds = fly(plan, plant)
+        plant = mujoco_plant.mujoco_plant(c1_experiment.world.team, c1_experiment.initial_state, dt, substeps, softness)
+        plant.session.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+        theirs, seconds = simulate_case(c1_experiment, plant)
         found[name] = differences(theirs.records, ours.records) | {"cpu_time_over_colift": seconds / ours_s}
     return found
 
 
 def main() -> bool:
-    """C1 within the targets, and the order of the cases in MuJoCo."""
+    """C1 must be within the targets, and the order of the cases must hold in MuJoCo."""
     found = collect(
-        "engines", (*CASES, "settings"), lambda item: compare_settings() if item == "settings" else case(item)
+        "engines", (*CASES, "settings"), lambda item: compare_settings() if item == "settings" else compare_case(item)
     )
     for name, row in found["settings"].items():
         print(f"{name:42}", "  ".join(f"{what} {value:.3g}" for what, value in row.items()))

@@ -3,12 +3,13 @@
 All models use the data of one flight of C3 on `paper` with preview, until its last update:
 
 - `full`: the Gaussian processes of the paper.
-- `relevant`: without the features of each output whose length-scale exceeds `FAR` standard deviations of the data;
-  hyperparameters are fitted again.
+- `relevant`: without the features of each output whose length-scale exceeds `MAX_LENGTHSCALE_RATIO` standard
+  deviations of the data; hyperparameters are fitted again.
 - `place`: the model of `adaptive` (`colift.onboard.learning.semiparametric`). It has a parametric mean of mass, first
   moments, drag and thrust bias. Forces and the payload's moment have Gaussian processes of the position only.
 - `rigid`: this mean, and the paper's Gaussian processes of the remainder.
-- `field`: `place` with one field of forces in the world, `cov = (g_b g_c + o_b^2 [b = c]) k(x, z)` of bodies b and c.
+- `field`: like `place`, with one spatial force field for all bodies. Its covariance for bodies b and c is
+  `(g_b g_c + o_b^2 [b = c]) k(x, z)`.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ CONDITIONS: dict[str, tuple[str, ...]] = {
     "moved": ("reference.center_m=[0.3, 0, 2]",),
     "backwards": ("reference.phase_deg=[180, 90, 150]",),  # sin(-w t + phase) is sin(w t + 180 - phase)
     "payload": HEAVIER,
-    "weighed": (*HEAVIER, "nominal.payload={mass_kg: 1.5, inertia_kgm2: [0.038, 0.15, 0.186]}"),  # and all know
+    "weighed": (*HEAVIER, "nominal.payload={mass_kg: 1.5, inertia_kgm2: [0.038, 0.15, 0.186]}"),  # known mass step
     "attitude": ("reference.rotation_amplitude_deg=[8, 8, 12]", "reference.rotation_period_s=[4, 5, 6]"),
 }
 MODELS = ("full", "relevant", "rigid", "place", "field")
@@ -62,41 +63,45 @@ CASES = (
     *MODELS,
     "full with labels",
     "place with labels",
-)  # the last two: corrected as in H
+)  # the last two: with innovation correction as in gp_label_feedback
 SEEDS = range(3)
-FAR = 10.0
+MAX_LENGTHSCALE_RATIO = 10.0
 
 
 def settings(condition: str, seed: int) -> Scenario:
     """Return the paper's scenario in another condition, with preview."""
-    ahead = f"control.preview_step_s={preview.PREVIEW_STEP}"
-    return scenario.load_scenario("paper", [ahead, *CONDITIONS[condition], f"seed={seed}"])
+    preview_step = f"control.preview_step_s={preview.PREVIEW_STEP}"
+    return scenario.load_scenario("paper", [preview_step, *CONDITIONS[condition], f"seed={seed}"])
 
 
 @dataclasses.dataclass(frozen=True)
-class Lesson:
+class TrainingFlight:
     """Result of a flight: residual model of the last update, its data and its fits."""
 
-    oracle: residual_model.ResidualModel
-    recorded: recorder.RecorderState
+    model: residual_model.ResidualModel
+    dataset: recorder.RecorderState
     fits: model_update.Fits
     training: model_update.FitOptions  # of the paper's GPs
-    of_place: model_update.FitOptions
+    position_options: model_update.FitOptions
     mean: semiparametric.MeanPrior
 
 
-def flown(
-    plan: flight.Experiment, until: float, loop: simulator.LoopState, oracle: residual_model.ResidualModel
+def simulate_frozen(
+    frozen: flight.Experiment, until: float, loop: simulator.LoopState, model: residual_model.ResidualModel
 ) -> tuple[Any, Any]:
     """Simulate with a frozen residual model until a time [s]; return the loop state and the records."""
     setup = dataclasses.replace(
-        plan.loop_config, controller=dataclasses.replace(plan.controller, residual_model=oracle)
+        frozen.loop_config, controller=dataclasses.replace(frozen.controller, residual_model=model)
     )
-    room, key, logged = flight.ticks_per_chunk(plan), jax.random.fold_in(jax.random.key(plan.seed), 2), []
-    done, ticks = int(loop.tick), round(until / plan.dt)
+    chunk, key, logged = (
+        flight.ticks_per_chunk(frozen),
+        jax.random.fold_in(jax.random.key(frozen.seed), 2),
+        [],
+    )
+    done, ticks = int(loop.tick), round(until / frozen.dt)
     while done < ticks and not int(loop.termination):
-        noise = DRAW(plan.world, jax.random.fold_in(key, done), room)
-        loop, rows = simulator.rollout(setup, loop, noise, jnp.asarray(min(room, ticks - done)))
+        noise = DRAW(frozen.world, jax.random.fold_in(key, done), chunk)
+        loop, rows = simulator.rollout(setup, loop, noise, jnp.asarray(min(chunk, ticks - done)))
         logged.append(jax.tree.map(lambda x, n=int(loop.tick) - done: np.asarray(x)[:n], rows))
         done = int(loop.tick)
     return loop, jax.tree.map(lambda *x: np.concatenate(x), *logged)
@@ -106,96 +111,100 @@ DRAW = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_
 
 
 @functools.cache
-def lesson(seed: int) -> Lesson:
+def training_flight(seed: int) -> TrainingFlight:
     """Simulate C3 in nominal conditions until its last update."""
-    given = settings("home", seed)
-    plan = experiment.make_experiment(given, "C3")
-    school, oracle = (
-        OnlineLearner(plan.fit_options, plan.identification, plan.online_updates),
-        plan.controller.residual_model,
+    scenario_settings = settings("home", seed)
+    c3 = experiment.make_experiment(scenario_settings, "C3")
+    learner, model = (
+        OnlineLearner(c3.fit_options, c3.identification, c3.online_updates),
+        c3.controller.residual_model,
     )
-    loop = simulator.reset(plan.loop_config, plan.initial_state)
-    for t in plan.update_times:
-        loop, _ = flown(plan, t, loop, oracle)
-        oracle, _ = school.update(oracle, loop.controller.recorder, t, fit=True)
-    assert plan.fit_options is not None
-    oracle = dataclasses.replace(
-        oracle, mean_function=mean_functions.zero_drag_thrust(plan.controller.team.sizes)
+    loop = simulator.reset(c3.loop_config, c3.initial_state)
+    for t in c3.update_times:
+        loop, _ = simulate_frozen(c3, t, loop, model)
+        model, _ = learner.update(model, loop.controller.recorder, t, fit=True)
+    assert c3.fit_options is not None
+    model = dataclasses.replace(
+        model, mean_function=mean_functions.zero_drag_thrust(c3.controller.team.sizes)
     )  # one program for all
-    of_place = priors.position_only_options(given, plan.controller.team)
-    assert of_place is not None
-    return Lesson(
-        oracle=oracle,
-        recorded=loop.controller.recorder,
-        fits=school.fits,
-        training=plan.fit_options,
-        of_place=of_place,
-        mean=priors.mean_prior(given, plan.controller.team),
+    position_options = priors.position_only_options(scenario_settings, c3.controller.team)
+    assert position_options is not None
+    return TrainingFlight(
+        model=model,
+        dataset=loop.controller.recorder,
+        fits=learner.fits,
+        training=c3.fit_options,
+        position_options=position_options,
+        mean=priors.mean_prior(scenario_settings, c3.controller.team),
     )
 
 
 @dataclasses.dataclass(frozen=True)
-class Map:
+class ModelWithUncertainty:
     """Residual model, and the uncertainty of its mean by body."""
 
-    oracle: residual_model.ResidualModel
-    doubts: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
+    model: residual_model.ResidualModel
+    uncertainties: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
 
 
 @functools.cache
-def learned(model: str, seed: int) -> Map:
-    """The map of a model, from what C3 recorded."""
-    given = lesson(seed)
+def fit_model(model: str, seed: int) -> ModelWithUncertainty:
+    """Return the residual model of a kind, fitted to the samples of C3."""
+    flight_data = training_flight(seed)
     match model:
         case "full":
-            return Map(given.oracle)
+            return ModelWithUncertainty(flight_data.model)
         case "relevant":
-            return Map(relevant(given))
+            return ModelWithUncertainty(fit_relevant(flight_data))
         case "place":
-            return placed(given)
+            return fit_place(flight_data)
         case "rigid":
-            return rigid(given)
+            return fit_rigid(flight_data)
         case _:
-            return field(given)
+            return fit_field(flight_data)
 
 
-def bodies(given: Lesson) -> Iterator[tuple[BodyKey, np.ndarray, np.ndarray]]:
-    """Every body's raw samples and labels, the payload first."""
-    for body, (X, Y, _) in model_update.samples_by_body(given.recorded).items():
+def bodies(flight_data: TrainingFlight) -> Iterator[tuple[BodyKey, np.ndarray, np.ndarray]]:
+    """Yield raw samples and labels of every body, the payload first."""
+    for body, (X, Y, _) in model_update.samples_by_body(flight_data.dataset).items():
         yield body, X, Y
 
 
-def seen(given: Lesson, body: BodyKey, X: np.ndarray) -> np.ndarray:
-    """The paper's features of a body's samples."""
-    return compute_features(given.oracle.features, body, X)
+def features_of(flight_data: TrainingFlight, body: BodyKey, X: np.ndarray) -> np.ndarray:
+    """Return the paper's features of a body's samples."""
+    return compute_features(flight_data.model.features, body, X)
 
 
 def with_models(
-    oracle: residual_model.ResidualModel, models: dict[BodyKey, gp.GPPosterior], **more: Any
+    fitted: residual_model.ResidualModel, models: dict[BodyKey, gp.GPPosterior], **replacements: Any
 ) -> residual_model.ResidualModel:
     """Return the residual model with other GPs of all bodies."""
     groups = []
-    for i, group in enumerate(oracle.agents):
+    for i, group in enumerate(fitted.agents):
         each = [models[i, j] for j in range(len(group.num_points))]
         groups.append(jax.tree.map(lambda *x: jnp.stack(x), *each))
-    return dataclasses.replace(oracle, payload=models["payload"], agents=tuple(groups), **more)
+    return dataclasses.replace(fitted, payload=models["payload"], agents=tuple(groups), **replacements)
 
 
-def relevant(given: Lesson) -> residual_model.ResidualModel:
+def fit_relevant(flight_data: TrainingFlight) -> residual_model.ResidualModel:
     """Return the model with the relevant features of each output only, with refitted hyperparameters."""
     models = {}
-    for body, X, Y in bodies(given):
-        Z, before, stated = seen(given, body, X), given.fits[body], given.training.prior_for(body)
+    for body, X, Y in bodies(flight_data):
+        Z, before, stated = (
+            features_of(flight_data, body, X),
+            flight_data.fits[body],
+            flight_data.training.prior_for(body),
+        )
         hyper = before.hyper
         for i, scale in enumerate(before.lengthscales):
-            kept = np.flatnonzero(scale < max(FAR, 1.001 * scale.min()))
+            kept = np.flatnonzero(scale < max(MAX_LENGTHSCALE_RATIO, 1.001 * scale.min()))
             fit = gp.fit(
                 Z[:, kept],
                 Y[:, i : i + 1],
-                hyperprior=dataclasses.replace(stated, median=alone(stated.median, i, kept)),
-                start=alone(hyper, i, kept),
-                restarts=given.training.restarts,
-                max_iterations=given.training.max_iterations,
+                hyperprior=dataclasses.replace(stated, median=single_output(stated.median, i, kept)),
+                start=single_output(hyper, i, kept),
+                restarts=flight_data.training.restarts,
+                max_iterations=flight_data.training.max_iterations,
             )
             hyper = dataclasses.replace(
                 hyper,
@@ -206,12 +215,12 @@ def relevant(given: Lesson) -> residual_model.ResidualModel:
                 .set(fit.hyper.lengthscales[0]),
                 noise_variance=hyper.noise_variance.at[i].set(fit.hyper.noise_variance[0]),
             )
-        models[body] = gp.condition(Z, Y, hyper, given.oracle.payload.capacity)
-    return with_models(given.oracle, models)
+        models[body] = gp.condition(Z, Y, hyper, flight_data.model.payload.capacity)
+    return with_models(flight_data.model, models)
 
 
-def alone(hyper: gp.Hyperparameters, i: int, kept: np.ndarray) -> gp.Hyperparameters:
-    """One output's hyperparameters over some features."""
+def single_output(hyper: gp.Hyperparameters, i: int, kept: np.ndarray) -> gp.Hyperparameters:
+    """Return one output's hyperparameters over some features."""
     one = slice(i, i + 1)
     return gp.Hyperparameters(
         kernel=hyper.kernel,
@@ -224,7 +233,7 @@ def alone(hyper: gp.Hyperparameters, i: int, kept: np.ndarray) -> gp.Hyperparame
 
 @dataclasses.dataclass(frozen=True)
 class Block:
-    """Vectors at places of bodies, which one field of place explains beside what is linear in parameters."""
+    """Vectors of several bodies that share one spatial GP and a mean that is linear in parameters."""
 
     x: np.ndarray  # (n, 3) m, world
     body: np.ndarray  # (n,)
@@ -236,12 +245,12 @@ class Block:
 
     @property
     def median(self) -> np.ndarray:
-        """Logarithms of length-scale, own deviations, noise and gains of the prior."""
+        """Return logarithms of length-scale, individual standard deviations, noise and gains of the prior."""
         gains = [np.log(self.deviation)] if self.shared else []
         return np.concatenate([[0.0], np.log(self.deviation), np.log(self.noise), *gains])
 
     def covariance(self, log: Any) -> tuple[Any, Any, Any]:
-        """Length-scale, covariance of bodies, noise variances."""
+        """Return length-scale, covariance of bodies and noise variances."""
         n = len(self.deviation)
         value = jnp.exp(log)
         own, noise, gain = value[1 : 1 + n], value[1 + n : 1 + 2 * n], value[1 + 2 * n :]
@@ -249,7 +258,7 @@ class Block:
         return value[0], B + jnp.outer(gain, gain) if self.shared else B, noise**2
 
     def whitened(self, log: Any) -> tuple[Any, Any]:
-        """`C^-1 [Y, Phi]`, (n, 3, 1 + parameters), and the Cholesky factor C."""
+        """Return `C^-1 [Y, Phi]`, (n, 3, 1 + parameters), and the Cholesky factor C."""
         length, B, noise = self.covariance(log)
         d = (self.x[:, None] - self.x[None]) / length
         K = B[self.body[:, None], self.body[None]] * jnp.exp(-(d * d).sum(-1) / 2) + jnp.diag(noise[self.body])
@@ -258,16 +267,16 @@ class Block:
         return solve_triangular(C, right.reshape(n, -1), lower=True).reshape(right.shape), C
 
 
-class Fitted(NamedTuple):
-    """What blocks that share parameters come to."""
+class BlockFit(NamedTuple):
+    """Estimates of blocks that share parameters."""
 
     logs: list[np.ndarray]  # by block
     parameters: np.ndarray
     covariance: np.ndarray  # of them
 
 
-def fitted(blocks: Sequence[Block], prior: np.ndarray, factor: float) -> Fitted:
-    """Hyperparameters of each block at the mode of their posterior, and the parameters that all share."""
+def fit_blocks(blocks: Sequence[Block], prior: np.ndarray, factor: float) -> BlockFit:
+    """Return the hyperparameters of each block at the posterior mode, and the shared parameters."""
     cuts = np.cumsum([len(block.median) for block in blocks])[:-1]
     median = np.concatenate([block.median for block in blocks])
 
@@ -290,61 +299,72 @@ def fitted(blocks: Sequence[Block], prior: np.ndarray, factor: float) -> Fitted:
     found = minimize(lambda log: tuple(np.asarray(x, float) for x in value(log)), median, jac=True, method="L-BFGS-B")
     A, b, _, _ = normal(jnp.asarray(found.x))
     covariance = np.linalg.inv(np.asarray(A))
-    return Fitted(np.split(found.x, cuts), covariance @ np.asarray(b), covariance)
+    return BlockFit(np.split(found.x, cuts), covariance @ np.asarray(b), covariance)
 
 
 PLACE = {True: slice(0, 3), False: slice(9, 12)}  # of features: the payload's, an agent's
 
 
-def placed(given: Lesson) -> Map:
-    """What C4 learns of these data."""
-    oracle, _, covariances = semiparametric.fit(
-        given.oracle, given.recorded, given.of_place, given.mean, {}, model_update.samples_by_body(given.recorded)
+def fit_place(flight_data: TrainingFlight) -> ModelWithUncertainty:
+    """Return the model of `adaptive` for these data."""
+    fitted, _, covariances = semiparametric.fit(
+        flight_data.model,
+        flight_data.dataset,
+        flight_data.position_options,
+        flight_data.mean,
+        {},
+        model_update.samples_by_body(flight_data.dataset),
     )
-    return Map(oracle, semiparametric.mean_uncertainties(oracle, given.recorded, covariances, {}))
+    return ModelWithUncertainty(fitted, semiparametric.mean_uncertainties(fitted, flight_data.dataset, covariances, {}))
 
 
-def regression(given: Lesson, body: BodyKey, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Basis of a body's mean `(n, 3 or 6, parameters)` and the prior deviation of its parameters."""
+def mean_basis(flight_data: TrainingFlight, body: BodyKey, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the basis of a body's mean `(n, 3 or 6, parameters)` and the prior standard deviation of its
+    parameters.
+    """
     payload = isinstance(body, str)
-    return semiparametric.mean_regressors(X, payload), given.mean.payload if payload else given.mean.agents
+    return semiparametric.mean_regressors(X, payload), flight_data.mean.payload if payload else flight_data.mean.agents
 
 
 Member = tuple[BodyKey, np.ndarray, np.ndarray]
-FORCE, REST = slice(0, 3), slice(3, 6)
+FORCE, MOMENT = slice(0, 3), slice(3, 6)
 
 
-def field(given: Lesson) -> Map:
-    """The mean and GPs of the place, forces of all bodies in one field."""
-    members, oracle = list(bodies(given)), given.oracle
+def fit_field(flight_data: TrainingFlight) -> ModelWithUncertainty:
+    """Return the mean and spatial GPs, with the forces of all bodies in one field."""
+    members, fitted = list(bodies(flight_data)), flight_data.model
     models: dict[BodyKey, gp.GPPosterior] = {}
-    doubts: dict[BodyKey, semiparametric.MeanUncertainty] = {}
-    means = [regression(given, body, X) for body, X, _ in members]
+    uncertainties: dict[BodyKey, semiparametric.MeanUncertainty] = {}
+    means = [mean_basis(flight_data, body, X) for body, X, _ in members]
     first = np.cumsum([0, *(len(prior) for _, prior in means)])
     own = [slice(a, b) for a, b in itertools.pairwise(first)]
     Phis = [
         np.pad(Phi, ((0, 0), (0, 0), (at.start, first[-1] - at.stop))) for (Phi, _), at in zip(means, own, strict=True)
     ]
-    blocks = [block(given, members, Phis, FORCE), block(given, members[:1], Phis, REST)]
-    found = fitted(blocks, np.concatenate([prior for _, prior in means]), given.training.payload.scale_factor)
+    blocks = [make_block(flight_data, members, Phis, FORCE), make_block(flight_data, members[:1], Phis, MOMENT)]
+    found = fit_blocks(blocks, np.concatenate([prior for _, prior in means]), flight_data.training.payload.scale_factor)
     for k, (body, X, Y) in enumerate(members):
         beta = found.parameters[own[k]]
-        hyper = with_block(given.fits[body].hyper, body, FORCE, blocks[0].covariance(found.logs[0]), k)
+        hyper = with_block_hyperparameters(
+            flight_data.fits[body].hyper, body, FORCE, blocks[0].covariance(found.logs[0]), k
+        )
         if body == "payload":
-            hyper = with_block(hyper, body, REST, blocks[1].covariance(found.logs[1]), 0)
-        oracle = semiparametric.set_mean_parameters(oracle, body, beta, given.mean.nominal_payload)
+            hyper = with_block_hyperparameters(hyper, body, MOMENT, blocks[1].covariance(found.logs[1]), 0)
+        fitted = semiparametric.set_mean_parameters(fitted, body, beta, flight_data.mean.nominal_payload)
         constants = beta[8 if body == "payload" else 2 :]
         hyper = dataclasses.replace(hyper, constant_mean=hyper.constant_mean.at[: len(constants)].set(constants))
-        rest = Y - explained(oracle, body, X)
-        model = gp.condition(seen(given, body, X), rest, hyper, given.oracle.payload.capacity)
-        models[body], told = joined(model, whitened(model, Phis[k]), body, k, blocks[0], found)
-        doubts[body] = semiparametric.MeanUncertainty(weighted_regressors=told, covariance=found.covariance)
-    return Map(with_models(oracle, models), doubts)
+        rest = Y - parametric_mean(fitted, body, X)
+        model = gp.condition(features_of(flight_data, body, X), rest, hyper, flight_data.model.payload.capacity)
+        models[body], weighted = joint_posterior(model, weighted_regressors(model, Phis[k]), body, k, blocks[0], found)
+        uncertainties[body] = semiparametric.MeanUncertainty(weighted_regressors=weighted, covariance=found.covariance)
+    return ModelWithUncertainty(with_models(fitted, models), uncertainties)
 
 
-def block(given: Lesson, members: Sequence[Member], Phis: Sequence[np.ndarray], outputs: slice) -> Block:
-    """The same three outputs of some bodies."""
-    stated = [given.training.prior_for(body).median for body, _, _ in members]
+def make_block(
+    flight_data: TrainingFlight, members: Sequence[Member], Phis: Sequence[np.ndarray], outputs: slice
+) -> Block:
+    """Return the same three outputs of several bodies."""
+    stated = [flight_data.training.prior_for(body).median for body, _, _ in members]
     deviation, noise = (
         np.sqrt([np.asarray(getattr(hyper, name))[outputs.start] for hyper in stated])
         for name in ("signal_variance", "noise_variance")
@@ -360,10 +380,10 @@ def block(given: Lesson, members: Sequence[Member], Phis: Sequence[np.ndarray], 
     )
 
 
-def with_block(
+def with_block_hyperparameters(
     hyper: gp.Hyperparameters, body: BodyKey, outputs: slice, covariance: tuple[Any, Any, Any], k: int
 ) -> gp.Hyperparameters:
-    """Hyperparameters of a body with three outputs as the k-th body of a block has them."""
+    """Return hyperparameters of a body with three outputs replaced by those of the k-th body of a block."""
     length, B, noise = covariance
     scale = (
         hyper.lengthscales.at[outputs].set(gp.INACTIVE_LENGTHSCALE).at[outputs, PLACE[body == "payload"]].set(length)
@@ -376,16 +396,16 @@ def with_block(
     )
 
 
-def whitened(model: gp.GPPosterior, Phi: np.ndarray) -> np.ndarray:
-    """`position_integral_gain^-1 Phi_i` of the outputs that Phi has: (outputs, points, parameters)."""
+def weighted_regressors(model: gp.GPPosterior, Phi: np.ndarray) -> np.ndarray:
+    """Return `K_i^-1 Phi_i` of the outputs of Phi: (outputs, points, parameters)."""
     W = np.asarray(model.inverse_cholesky)[: Phi.shape[1], : len(Phi), : len(Phi)]
     return np.stack([w.T @ (w @ Phi[:, i]) for i, w in enumerate(W)])
 
 
-def joined(
-    own: gp.GPPosterior, told: np.ndarray, body: BodyKey, k: int, block: Block, found: Fitted
+def joint_posterior(
+    own: gp.GPPosterior, weighted: np.ndarray, body: BodyKey, k: int, block: Block, found: BlockFit
 ) -> tuple[gp.GPPosterior, np.ndarray]:
-    """A body's GP, and `whitened`, with forces from all bodies' data, weighed by their covariance with this one."""
+    """Return a body's GP and `weighted_regressors`, with forces of all bodies weighted by their covariance."""
     N, (m, D) = len(block.x), own.hyper.lengthscales.shape
     mine = np.flatnonzero(block.body == k)
     n, B = len(mine), np.asarray(block.covariance(found.logs[0])[1])
@@ -396,9 +416,9 @@ def joined(
     W[:, mine[:, None], mine] = np.asarray(own.inverse_cholesky)[:, :n, :n]
     W[:3] = inverse * weight
     alpha[:3] = ((block.Y - block.Phi @ found.parameters).T @ inverse.T @ inverse) * weight
-    more = np.zeros((len(told), N, told.shape[2]))
-    more[:, mine] = told
-    more[:3] = [(inverse.T @ (inverse @ block.Phi[:, i])) * weight[:, None] for i in range(3)]
+    replacements = np.zeros((len(weighted), N, weighted.shape[2]))
+    replacements[:, mine] = weighted
+    replacements[:3] = [(inverse.T @ (inverse @ block.Phi[:, i])) * weight[:, None] for i in range(3)]
     model = gp.GPPosterior(
         hyper=own.hyper,
         X=jnp.asarray(X),
@@ -407,74 +427,82 @@ def joined(
         inverse_cholesky=jnp.asarray(W),
         alpha=jnp.asarray(alpha),
     )
-    return model, more
+    return model, replacements
 
 
-def rigid(given: Lesson) -> Map:
-    """The mean of `place`, and the paper's GPs of what it leaves."""
-    base = placed(given).oracle
+def fit_rigid(flight_data: TrainingFlight) -> ModelWithUncertainty:
+    """Return the mean of `place`, and the paper's GPs of the remainder."""
+    base = fit_place(flight_data).model
     models: dict[BodyKey, gp.GPPosterior] = {}
-    doubts: dict[BodyKey, semiparametric.MeanUncertainty] = {}
-    for body, X, Y in bodies(given):
-        rest, Z = Y - explained(base, body, X), seen(given, body, X)
+    uncertainties: dict[BodyKey, semiparametric.MeanUncertainty] = {}
+    for body, X, Y in bodies(flight_data):
+        rest, Z = Y - parametric_mean(base, body, X), features_of(flight_data, body, X)
         fit = gp.fit(
             Z,
             rest,
-            hyperprior=given.training.prior_for(body),
-            restarts=given.training.restarts,
-            max_iterations=given.training.max_iterations,
+            hyperprior=flight_data.training.prior_for(body),
+            restarts=flight_data.training.restarts,
+            max_iterations=flight_data.training.max_iterations,
         )
-        models[body] = gp.condition(Z, rest, fit.hyper, given.oracle.payload.capacity)
-        Phi, prior = regression(given, body, X)
-        told = whitened(models[body], Phi)
-        A = sum((Phi[:, i].T @ told[i] for i in range(Phi.shape[1])), np.diag(1 / prior**2))
-        doubts[body] = semiparametric.MeanUncertainty(weighted_regressors=told, covariance=np.linalg.inv(A))
-    return Map(with_models(base, models), doubts)
+        models[body] = gp.condition(Z, rest, fit.hyper, flight_data.model.payload.capacity)
+        Phi, prior = mean_basis(flight_data, body, X)
+        weighted = weighted_regressors(models[body], Phi)
+        A = sum((Phi[:, i].T @ weighted[i] for i in range(Phi.shape[1])), np.diag(1 / prior**2))
+        uncertainties[body] = semiparametric.MeanUncertainty(weighted_regressors=weighted, covariance=np.linalg.inv(A))
+    return ModelWithUncertainty(with_models(base, models), uncertainties)
 
 
-def explained(oracle: residual_model.ResidualModel, body: BodyKey, X: np.ndarray) -> np.ndarray:
+def parametric_mean(fitted: residual_model.ResidualModel, body: BodyKey, X: np.ndarray) -> np.ndarray:
     """Evaluate the parametric mean of a residual model at the raw samples of a body."""
-    known, x = oracle.mean_function, jnp.asarray(X)
-    assert known is not None
+    learned, x = fitted.mean_function, jnp.asarray(X)
+    assert learned is not None
     if isinstance(body, str):
         inertial = jax.vmap(
             lambda x: (
                 identification.inertial_regressor(identification.payload_state_from_input(x), x[18:21], x[21:24])
-                @ oracle.inertial_parameters
+                @ fitted.inertial_parameters
             )
         )(x)
-        return np.asarray(jax.vmap(known.payload_mean)(x) + inertial)
+        return np.asarray(jax.vmap(learned.payload_mean)(x) + inertial)
     i, j = body
-    size = len(oracle.agents[i].num_points)
-    return np.asarray(jax.vmap(lambda one: known.agent_means(i, jnp.broadcast_to(one[None], (size, *one.shape)))[j])(x))
-
-
-def plan(case: str, condition: str, seed: int) -> flight.Experiment:
-    """Return the experiment of a case in a condition; a frozen model is not updated."""
-    given = settings(condition, seed)
-    if case in ("true_residual", "label_feedback"):
-        return experiment.make_experiment(given, case)
-    model, _, labels = case.partition(" with ")
-    made = experiment.make_experiment(given, "C1")
-    pilot = dataclasses.replace(made.controller, residual_model=learned(model, seed).oracle)
-    return dataclasses.replace(
-        made, controller=controllers.with_innovation_filter(given, pilot, hold_correction=True) if labels else pilot
+    size = len(fitted.agents[i].num_points)
+    return np.asarray(
+        jax.vmap(lambda one: learned.agent_means(i, jnp.broadcast_to(one[None], (size, *one.shape)))[j])(x)
     )
 
 
-EVERY = 50  # ticks between two states at which densities are taken
+def make_frozen_experiment(case: str, condition: str, seed: int) -> flight.Experiment:
+    """Return the experiment of a case in a condition; a frozen model is not updated."""
+    flight_data = settings(condition, seed)
+    if case in ("true_residual", "label_feedback"):
+        return experiment.make_experiment(flight_data, case)
+    model, _, labels = case.partition(" with ")
+    case_experiment = experiment.make_experiment(flight_data, "C1")
+    controller = dataclasses.replace(case_experiment.controller, residual_model=fit_model(model, seed).model)
+    return dataclasses.replace(
+        case_experiment,
+        controller=controllers.with_innovation_filter(flight_data, controller, hold_correction=True)
+        if labels
+        else controller,
+    )
 
 
-def fly(item: str) -> dict[str, Any]:
-    """Over the second half: errors of position, m, of what is predicted, N and N m, and densities, nats an output.
+DENSITY_STRIDE = 50  # ticks between two states at which densities are taken
 
-    A density is that of the true residual under what is predicted of a label at the true state: variances of the
-    posterior, of the mean's parameters, of noise and of the tips' bias. That of cases with labels is the map's.
+
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return errors of position [m] and of predictions [N, N m] over the second half, and densities [nats per output].
+
+    The density is that of the true residual under the predicted distribution of a label at the true state. Its variance
+    includes posterior, mean parameters, noise and tip force bias. In cases with labels it is that of the model alone.
     """
     case, condition, seed = item.split(": ")
-    made = plan(case, condition, int(seed))
-    loop, rows = flown(
-        made, made.duration, simulator.reset(made.loop_config, made.initial_state), made.controller.residual_model
+    case_experiment = make_frozen_experiment(case, condition, int(seed))
+    loop, rows = simulate_frozen(
+        case_experiment,
+        case_experiment.duration,
+        simulator.reset(case_experiment.loop_config, case_experiment.initial_state),
+        case_experiment.controller.residual_model,
     )
     stopped, rows = (
         termination.TerminationCause(int(loop.termination)).name if int(loop.termination) else "",
@@ -491,26 +519,32 @@ def fly(item: str) -> dict[str, Any]:
         }
     if case not in ("true_residual", "label_feedback") and not stopped:
         bias = settings(condition, int(seed)).sensors.tip_force_bias_N
-        known = learned(case.partition(" with ")[0], int(seed))
-        found |= densities(made, known, jax.tree.map(lambda x: x[::EVERY], rows), bias)
+        learned = fit_model(case.partition(" with ")[0], int(seed))
+        found |= negative_log_densities(
+            case_experiment, learned, jax.tree.map(lambda x: x[::DENSITY_STRIDE], rows), bias
+        )
     return found
 
 
-def densities(made: flight.Experiment, known: Map, rows: signals.StepRecord, bias: float) -> dict[str, float]:
-    """Mean negative log densities of the true residual: payload's forces, its moments, agents' forces."""
-    team, (x, agents) = made.controller.team, signals.model_inputs(made.world.team, rows)
+def negative_log_densities(
+    case_experiment: flight.Experiment, learned: ModelWithUncertainty, rows: signals.StepRecord, bias: float
+) -> dict[str, float]:
+    """Return mean negative log densities of the true residual: payload forces, payload moments, agent forces."""
+    team, (x, agents) = case_experiment.controller.team, signals.model_inputs(case_experiment.world.team, rows)
     a = rows.a_L - np.concatenate([np.asarray(team.gravity), np.zeros(3)])
     c = np.concatenate([np.asarray(group.contact_position).reshape(-1, 3) for group in team.agent_groups])
     by_bias = bias**2 * np.concatenate([np.full(3, len(c)), ((c**2).sum(1, keepdims=True) - c**2).sum(0)])
-    load = density(
-        known, "payload", known.oracle.payload, np.concatenate([x, a], axis=1), np.asarray(rows.f_L), by_bias
+    load = negative_log_density(
+        learned, "payload", learned.model.payload, np.concatenate([x, a], axis=1), np.asarray(rows.f_L), by_bias
     )
     forces, first = [], 0
     for i, (group, X) in enumerate(zip(team.agent_groups, agents, strict=True)):
         by_bias = np.full(3, bias**2 * group.tree.arms)
         for j in range(X.shape[1]):
-            model = jax.tree.map(lambda x, j=j: x[j], known.oracle.agents[i])
-            forces.append(density(known, (i, j), model, X[:, j], np.asarray(rows.f_x)[:, first + j], by_bias))
+            model = jax.tree.map(lambda x, j=j: x[j], learned.model.agents[i])
+            forces.append(
+                negative_log_density(learned, (i, j), model, X[:, j], np.asarray(rows.f_x)[:, first + j], by_bias)
+            )
         first += X.shape[1]
     return {
         "payload_force_nll_nats": float(load[:, :3].mean()),
@@ -519,30 +553,32 @@ def densities(made: flight.Experiment, known: Map, rows: signals.StepRecord, bia
     }
 
 
-def density(
-    known: Map, body: BodyKey, model: gp.GPPosterior, X: np.ndarray, f: np.ndarray, bias: np.ndarray
+def negative_log_density(
+    learned: ModelWithUncertainty, body: BodyKey, model: gp.GPPosterior, X: np.ndarray, f: np.ndarray, bias: np.ndarray
 ) -> np.ndarray:
-    """`-log N(f; mean, variance)` of the first outputs of a body, nats, by time and output."""
-    features, m = known.oracle.features, f.shape[1]
+    """Return `-log N(f; mean, variance)` of the first outputs of a body [nats], by time and output."""
+    features, m = learned.model.features, f.shape[1]
     Z = features.payload(jnp.asarray(X)) if body == "payload" else features.agent(jnp.asarray(X))
     mean, variance = (np.asarray(x)[:, :m] for x in gp.predict(model, Z))
     variance = variance + np.asarray(model.hyper.noise_variance)[:m] + bias
-    if body in known.doubts:
-        unsure, Phi = known.doubts[body], semiparametric.mean_regressors(X, body == "payload")
-        many, before = len(unsure.covariance), list(known.doubts).index(body)
+    if body in learned.uncertainties:
+        uncertainty, Phi = learned.uncertainties[body], semiparametric.mean_regressors(X, body == "payload")
+        many, before = len(uncertainty.covariance), list(learned.uncertainties).index(body)
         if Phi.shape[2] < many:  # of one field, with the parameters of all bodies
             at = 14 + 5 * (before - 1) if before else 0
             Phi = np.pad(Phi, ((0, 0), (0, 0), (at, many - at - Phi.shape[2])))
-        variance = variance + semiparametric.mean_variance(model, unsure, np.asarray(Z), Phi)[:, :m]
-    off = f - mean - explained(known.oracle, body, X)[:, :m]
+        variance = variance + semiparametric.mean_variance(model, uncertainty, np.asarray(Z), Phi)[:, :m]
+    off = f - mean - parametric_mean(learned.model, body, X)[:, :m]
     return 0.5 * (off**2 / variance + np.log(2 * np.pi * variance))
 
 
 def main() -> bool:
-    """Print the table; holds where some frozen map is within twice O wherever the residual's law has not changed."""
+    """Print the table; one frozen model must have at most twice the error of `true_residual` in unchanged
+    environments.
+    """
     order = [(seed, case) for part in (CASES[:-2], CASES[-2:]) for seed in SEEDS for case in part]
     items = [f"{case}: {condition}: {seed}" for seed, case in order for condition in CONDITIONS]
-    found = collect("generalization", items, fly)
+    found = collect("generalization", items, simulate_item)
 
     def each(name: str, case: str, condition: str) -> np.ndarray:
         values = [found[f"{case}: {condition}: {seed}"].get(name) for seed in SEEDS]
@@ -550,12 +586,12 @@ def main() -> bool:
 
     for condition in CONDITIONS:
         print(condition)
-        known = each("e_p_rms_m", "true_residual", condition)
+        learned = each("e_p_rms_m", "true_residual", condition)
         for case in CASES:
             e = each("e_p_rms_m", case, condition)
             errors = " ".join(f"{np.median(each(name, case, condition)):6.2f}" for name in QUANTITIES)
             seeds = ", ".join(f"{1e3 * x:.1f}" for x in e)
-            print(f"  {case:18} e_p {seeds} mm, {np.median(e / known):.1f} O; {errors}")
+            print(f"  {case:18} e_p {seeds} mm, {np.median(e / learned):.1f} O; {errors}")
     same = [c for c in CONDITIONS if c not in ("wind", "payload")]
     worst = {
         m: max(np.median(each("e_p_rms_m", m, c) / each("e_p_rms_m", "true_residual", c)) for c in same) for m in MODELS

@@ -25,7 +25,7 @@ import colift.scenario
 from colift.runtime import run_directory, signals
 from evidence import collect
 
-RUNS = ("src",)  # in processes of their own
+RUNS = ("src",)  # in child processes
 ALLOWED = 2 * signals.GRACE_PERIOD  # s, from the signal to the end; the machine may be busy with other things
 SCENARIOS = Path(colift.scenario.__file__).parent / "library"
 COLIFT = """
@@ -36,8 +36,8 @@ main()
 """
 
 
-class Tries(NamedTuple):
-    """Of one kind: how many, spread over that time, s, or over a whole run."""
+class TrialKind(NamedTuple):
+    """One kind of trial: number of trials, spread over a time [s] or over a whole run."""
 
     signal: signal.Signals
     command: str
@@ -47,16 +47,16 @@ class Tries(NamedTuple):
 
 
 TRIES = {
-    "study": Tries(signal.SIGINT, "study", True, 28),
-    "study, nothing compiled": Tries(signal.SIGINT, "study", False, 6, 60.0),
-    "certify": Tries(signal.SIGINT, "certify", True, 6, 60.0),
-    "study, SIGTERM": Tries(signal.SIGTERM, "study", True, 8),
+    "study": TrialKind(signal.SIGINT, "study", True, 28),
+    "study, nothing compiled": TrialKind(signal.SIGINT, "study", False, 6, 60.0),
+    "certify": TrialKind(signal.SIGINT, "certify", True, 6, 60.0),
+    "study, SIGTERM": TrialKind(signal.SIGTERM, "study", True, 8),
 }
 
 
 @functools.cache
-def _work() -> tempfile.TemporaryDirectory[str]:
-    """A folder with a scenario of 1.5 s of flight and two updates, for studies, and with the shipped certified one."""
+def _working_folder() -> tempfile.TemporaryDirectory[str]:
+    """Return a folder with a scenario of 1.5 s of flight and two updates, and with the shipped `certified`."""
     work = tempfile.TemporaryDirectory()
     text = (SCENARIOS / "paper.yaml").read_text()
     for key, value in (
@@ -72,8 +72,8 @@ def _work() -> tempfile.TemporaryDirectory[str]:
 
 
 def begin(command: str, out: Path, cached: bool) -> subprocess.Popen[str]:
-    """Start a command, and wait until it handles signals."""
-    work = Path(_work().name)
+    """Start a command and wait until it handles signals."""
+    work = Path(_working_folder().name)
     environment = dict(os.environ) if cached else os.environ | {"JAX_COMPILATION_CACHE_DIR": f"{out}-compiled"}
     run = subprocess.Popen(
         [sys.executable, "-c", COLIFT, command, str(work / f"{command}.yaml"), "--out", str(out)],
@@ -92,23 +92,23 @@ def begin(command: str, out: Path, cached: bool) -> subprocess.Popen[str]:
 
 
 @functools.cache
-def whole(command: str) -> float:
-    """Seconds that an undisturbed run takes once its programs are compiled and cached."""
+def undisturbed_duration(command: str) -> float:
+    """Return the duration [s] of an undisturbed run with cached programs."""
     for _ in range(2):
         with tempfile.TemporaryDirectory() as out:
             run, began = begin(command, Path(out) / "out", cached=True), time.monotonic()
-            _, said = run.communicate()
+            _, output = run.communicate()
             took = time.monotonic() - began
         if run.returncode:
-            raise RuntimeError(f"{command}, undisturbed, ends with {run.returncode}: {said}")
+            raise RuntimeError(f"{command}, undisturbed, ends with {run.returncode}: {output}")
     return took
 
 
-def attempt(item: str) -> dict[str, Any]:
-    """One try: the signal, how the process ended and what it left."""
+def run_trial(item: str) -> dict[str, Any]:
+    """Return the result of one trial: signal, end of the process and remaining files."""
     kind, _, k = item.rpartition(" ")
     tries = TRIES[kind]
-    at = (int(k) + 0.5) / tries.number * (tries.over or whole(tries.command))
+    at = (int(k) + 0.5) / tries.number * (tries.over or undisturbed_duration(tries.command))
     while True:
         with tempfile.TemporaryDirectory() as place:
             out = Path(place) / "out"
@@ -122,30 +122,30 @@ def attempt(item: str) -> dict[str, Any]:
 
 def _interrupted(run: subprocess.Popen[str], number: signal.Signals, out: Path) -> dict[str, Any]:
     run.send_signal(number)
-    asked = time.monotonic()
-    _, said = run.communicate(timeout=60)
-    took = time.monotonic() - asked
+    requested = time.monotonic()
+    _, output = run.communicate(timeout=60)
+    took = time.monotonic() - requested
     return {
         "exit_time_s": round(took, 2),
-        "last_message": said.splitlines()[-1:],
+        "last_message": output.splitlines()[-1:],
         "remaining_files": sorted(path.name for path in out.iterdir()) if out.exists() else [],
-        "failures": [*_wrong(run.returncode, 128 + number, said, took), *_broken(out)],
+        "failures": [*_wrong(run.returncode, 128 + number, output, took), *_broken(out)],
     }
 
 
-def _wrong(status: int, expected: int, said: str, took: float) -> list[str]:
+def _wrong(status: int, expected: int, output: str, took: float) -> list[str]:
     wrong = []
     if status != expected:
         wrong.append(f"status {status}")
-    if "Traceback" in said or "Exception" in said:
-        wrong.append(f"says {said[-2000:]}")
+    if "Traceback" in output or "Exception" in output:
+        wrong.append(f"says {output[-2000:]}")
     if took > ALLOWED:
         wrong.append(f"took {took:.1f} s")
     return wrong
 
 
 def _broken(out: Path) -> list[str]:
-    """Files that are not whole, name no run, or should have been cleared up."""
+    """Return files that are incomplete, name no run, or should have been removed."""
     wrong = []
     for path in out.iterdir() if out.exists() else ():
         try:
@@ -156,7 +156,7 @@ def _broken(out: Path) -> list[str]:
 
 
 def _read(path: Path) -> None:
-    """Raises ValueError or OSError for a file that is not whole."""
+    """Read a file completely; raise ValueError or OSError if it is incomplete."""
     if path.name.startswith("."):
         raise ValueError("should have been cleared up")
     if run_directory.read_run_id(path) is None:
@@ -174,9 +174,9 @@ def _read(path: Path) -> None:
 
 
 def main() -> bool:
-    """Interrupt them all; every one must end in time, with the status of its signal and nothing half-written."""
+    """Interrupt all runs; every one must end in time, with the status of its signal and without partial files."""
     items = [f"{kind} {k}" for kind, tries in TRIES.items() for k in range(tries.number)]
-    found = collect("interrupts", items, attempt)
+    found = collect("interrupts", items, run_trial)
     for kind, tries in TRIES.items():
         each = [found[f"{kind} {k}"] for k in range(tries.number)]
         clean, longest = sum(not one["failures"] for one in each), max(one["exit_time_s"] for one in each)

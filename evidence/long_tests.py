@@ -1,4 +1,4 @@
-"""The tests that `./dev test` leaves out for their length, those marked `long`: of each file what passed and failed."""
+"""Results of the tests with mark `long`, which `./dev test` omits: numbers of passed and failed tests per file."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any
 
 from evidence import ROOT, collect
 
-RUNS = ("src", "tests", "evidence", "benchmarks")  # in processes of their own
+RUNS = ("src", "tests", "evidence", "benchmarks")  # in child processes
 
 
 def files() -> list[str]:
-    """Test files, relative to the project, in which something is marked `long`."""
+    """Return test files, relative to the project, that contain the mark `long`."""
     marked = (path for path in (ROOT / "tests").rglob("test_*.py") if "pytest.mark.long" in path.read_text())
     return sorted(path.relative_to(ROOT).as_posix() for path in marked)
 
 
 def run(file: str) -> dict[str, Any]:
-    """The outcome of a file's long tests, in a process of their own."""
+    """Return the results of a file's long tests in a child process."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.xml"
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:xdist", "-m", "long", f"--junitxml={report}", file]
@@ -39,7 +39,7 @@ def run(file: str) -> dict[str, Any]:
 
 
 def main() -> bool:
-    """Print each file's outcome; holds where none failed."""
+    """Print the results of each file; no test may fail."""
     found = collect("long_tests", files(), run)
     for file in files():
         each = found[file]

@@ -26,26 +26,26 @@ WORKER_MB = 2500  # a laptop has 8 to 16 GB, and two workers run
 LIMIT_S = 7200
 
 
-def wide() -> bool:
-    """Whether this processor has AVX-512."""
+def has_avx512() -> bool:
+    """Return whether this processor has AVX-512."""
     return any("avx512f" in line for line in _cpuinfo())
 
 
 def settings() -> list[str]:
-    """`OpenBLAS' kernels, XLA's instructions` of every run that this processor can do, unlike ones first."""
-    cores = [blas for blas in BLAS if wide() or blas != "SkylakeX"]
+    """Return `OpenBLAS kernels, XLA instructions` of all runs on this processor, in an order of large changes."""
+    cores = [blas for blas in BLAS if has_avx512() or blas != "SkylakeX"]
     turns = len(INSTRUCTIONS)
     return [f"{blas} {INSTRUCTIONS[(i + k) % turns]}" for k in range(turns) for i, blas in enumerate(cores)]
 
 
 def flags(isa: str) -> str:
-    """XLA's flags that hold it to an instruction set; none where the processor has no more, as its own are those."""
-    held = [f"--xla_cpu_max_isa={isa}"] if wide() or isa != "AVX2" else []
+    """Return XLA's flags for an instruction set; none if it is the largest of the processor."""
+    held = [f"--xla_cpu_max_isa={isa}"] if has_avx512() or isa != "AVX2" else []
     return " ".join([*os.environ.get("XLA_FLAGS", "").split(), *held])
 
 
 def run(setting: str) -> dict[str, Any]:
-    """The suite under one setting, its files shuffled by the setting's place in the list."""
+    """Run the test suite with one setting, with files shuffled by the index of the setting."""
     blas, isa = setting.split()
     files = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "tests").rglob("test_*.py"))
     order = settings().index(setting)
@@ -76,7 +76,7 @@ def run(setting: str) -> dict[str, Any]:
 
 
 def main() -> bool:
-    """Run the suite under every setting; all must pass, no worker may grow beyond what a laptop has."""
+    """Run the suite with every setting; all tests must pass, and no worker may exceed the memory limit."""
     found = collect("machines", settings(), run)
     for setting, one in found.items():
         print(

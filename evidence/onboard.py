@@ -59,17 +59,19 @@ SECTIONS {
 
 @functools.cache
 def exported() -> Path:
-    """The folder of the paper's C3, once."""
+    """Return the folder of the exported C3 of the paper, exported once."""
     folder = Path(WORK.name)
     settings = scenario.load_scenario("paper")
-    plan = experiment.make_experiment(settings, "C3")
-    flight = run_experiment(plan)
+    case_experiment = experiment.make_experiment(settings, "C3")
+    flight = run_experiment(case_experiment)
     assert not flight.termination_reason
-    c_export.export_c(plan, flight.model, TICKS, folder, "paper, C3")
+    c_export.export_c(case_experiment, flight.model, TICKS, folder, "paper, C3")
     return folder
 
 
-def replayed(run: list[str], command: str, flags: list[str], repeats: int, sources: tuple[str, ...] = ()) -> Any:
+def build_and_replay(
+    run: list[str], command: str, flags: list[str], repeats: int, sources: tuple[str, ...] = ()
+) -> Any:
     """Build with a compiler, run, and read the output of the replay."""
     needed = [name for name in (command, run[0]) if name != "{program}"]
     if missing := [name for name in needed if shutil.which(name) is None]:
@@ -81,8 +83,8 @@ def replayed(run: list[str], command: str, flags: list[str], repeats: int, sourc
         subprocess.run([command, *flags, *parts, *sources, "-o", str(program), "-lm"], check=True)
         size = subprocess.run(["size", str(program)], capture_output=True, text=True, check=True).stdout.split()
         words = [part.format(program=program, flight=folder / "flight.bin", repeats=repeats) for part in run]
-        said = subprocess.run(words, capture_output=True, text=True, check=True).stdout
-    found = {name: float(value) for name, value in (line.split() for line in said.splitlines())}
+        output = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    found = {name: float(value) for name, value in (line.split() for line in output.splitlines())}
     return found | {"code_bytes": int(size[6]), "compiler": version(command), "flags": " ".join(flags[:6])}
 
 
@@ -90,30 +92,32 @@ def version(command: str) -> str:
     return subprocess.run([command, "--version"], capture_output=True, text=True, check=True).stdout.splitlines()[0]
 
 
-def on(target: str) -> dict[str, Any]:
+def replay_on(target: str) -> dict[str, Any]:
     """Return the output of the replay on one target."""
     here, program = build.require_compiler()[0], ["{program}", "{flight}", "{repeats}"]
     with tempfile.TemporaryDirectory() as made:
         match target:
             case "x86-64":
-                return replayed(program, here, [*PLAIN], REPEATS)
+                return build_and_replay(program, here, [*PLAIN], REPEATS)
             case "x86-64, AVX2":
-                return replayed(program, here, [*PLAIN, "-mavx2"], REPEATS)
+                return build_and_replay(program, here, [*PLAIN, "-mavx2"], REPEATS)
             case "x86-64, one lane":
-                return replayed(program, here, [*PLAIN, "-DONE_LANE"], REPEATS)
+                return build_and_replay(program, here, [*PLAIN, "-DONE_LANE"], REPEATS)
             case "x86-64, contracted":
-                return replayed(program, here, ["-std=c99", "-O3", "-march=native", "-ffp-contract=fast"], REPEATS)
+                return build_and_replay(
+                    program, here, ["-std=c99", "-O3", "-march=native", "-ffp-contract=fast"], REPEATS
+                )
             case "x86-64, single precision":
-                return replayed(program, here, [*PLAIN, "-DCOLIFT_FLOAT32"], REPEATS)
+                return build_and_replay(program, here, [*PLAIN, "-DCOLIFT_FLOAT32"], REPEATS)
             case "aarch64":
-                return replayed(["qemu-aarch64", *program], "aarch64-linux-gnu-gcc", [*PLAIN, "-static"], 1)
+                return build_and_replay(["qemu-aarch64", *program], "aarch64-linux-gnu-gcc", [*PLAIN, "-static"], 1)
         start, layout = Path(made) / "initial_state.c", Path(made) / "layout.ld"
         start.write_text(START)
         layout.write_text(LAYOUT)
         run = ["qemu-system-arm", "-M", "mps2-an500", "-nographic", "-semihosting-config"]
         run += ["enable=on,target=native,arg=replay,arg={flight},arg={repeats}", "-kernel", "{program}"]
         core = ["-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard", "--specs=rdimon.specs"]
-        return replayed(run, "arm-none-eabi-gcc", [*PLAIN, *core, "-T", str(layout)], 1, (str(start),))
+        return build_and_replay(run, "arm-none-eabi-gcc", [*PLAIN, *core, "-T", str(layout)], 1, (str(start),))
 
 
 TARGETS = (
@@ -128,8 +132,10 @@ TARGETS = (
 
 
 def main() -> bool:
-    """Every target's commands within 1e-12 of Python's, single precision's within 1e-2; steps in time here."""
-    found = collect("onboard", TARGETS, on)
+    """Commands of every target must agree with Python's to 1e-12, or 1e-2 in single precision, within the time
+    limit.
+    """
+    found = collect("onboard", TARGETS, replay_on)
     for target, row in found.items():
         sizes = [row[f"{what}_bytes"] / 1e3 for what in ("code", "state", "model")]
         print(

@@ -1,4 +1,4 @@
-"""The study's targets on the default seed and on ten others, with the rivals: who tracks how well, by what factor."""
+"""Targets of the study on the default seed and on ten others, with all baselines: errors and their ratios."""
 
 from __future__ import annotations
 
@@ -18,19 +18,21 @@ SEEDS = range(11)  # 0 is the default
 CASES = tuple(experiment.ALL_CASES)
 
 
-def fly(seed: int) -> dict[str, Any]:
-    """The cases' figures of merit for one seed."""
+def simulate_item(seed: int) -> dict[str, Any]:
+    """Return the metrics of all cases for one seed."""
     settings = scenario.load_scenario("paper").model_copy(update={"seed": seed})
     out = {}
     for case in CASES:
-        plan = experiment.make_experiment(settings, case)
-        flight = run_experiment(plan)
-        out[case] = metrics.summary(flight, plan.world.team, plan.controller.team) | {"wall_time_s": flight.wall_time}
+        case_experiment = experiment.make_experiment(settings, case)
+        flight = run_experiment(case_experiment)
+        out[case] = metrics.summary(flight, case_experiment.world.team, case_experiment.controller.team) | {
+            "wall_time_s": flight.wall_time
+        }
     return out
 
 
 def targets(found: dict[str, Any]) -> dict[str, bool]:
-    """Each target of the study, for one seed."""
+    """Return each target of the study for one seed."""
     c1, c2, c3 = (found[case] for case in ("C1", "C2", "C3"))
 
     def falls(key: str, *ratios: tuple[dict[str, Any], dict[str, Any], float]) -> bool:
@@ -43,7 +45,7 @@ def targets(found: dict[str, Any]) -> dict[str, bool]:
         "Psi": c1["Psi_mean"] > c2["Psi_mean"] > c3["Psi_mean"],
         "delta_W": c2["delta_W_rms"] < c1["delta_W_rms"] and falls("delta_W_rms", (c3, c2, 0.5)),
         "below integral and disturbance_observer": all(
-            c3["e_p_rms_m"] < found[rival]["e_p_rms_m"] for rival in ("integral", "disturbance_observer")
+            c3["e_p_rms_m"] < found[baseline]["e_p_rms_m"] for baseline in ("integral", "disturbance_observer")
         ),
         "sigma_L": falls("sigma_L_mean", (c2, c1, 0.99), (c3, c1, 0.99)),
         "sigma_A": abs(c1["sigma_A_mean"] - c2["sigma_A_mean"]) < 1e-9 and falls("sigma_A_mean", (c3, c2, 0.99)),
@@ -56,7 +58,7 @@ def targets(found: dict[str, Any]) -> dict[str, bool]:
 
 
 def adaptive_targets(e: Mapping[str, np.ndarray], mismatch: Mapping[str, np.ndarray]) -> list[Target]:
-    """Targets of C4 where nothing changes; e_p, m, and wrench mismatch of each case on all seeds, in their order."""
+    """Return targets of `adaptive` in nominal conditions from e_p [m] and wrench mismatch of each case on all seeds."""
     over, seeds = e["adaptive"] / e["true_residual"], len(e["adaptive"])
     mismatches = np.median(mismatch["adaptive"]) / np.median(mismatch["C3"])
     return [
@@ -79,15 +81,15 @@ def adaptive_targets(e: Mapping[str, np.ndarray], mismatch: Mapping[str, np.ndar
     ]
 
 
-def missed(asked: dict[str, bool]) -> str:
+def missed(requested: dict[str, bool]) -> str:
     """Format the names of the missed targets."""
-    names = ", ".join(name for name, good in asked.items() if not good)
+    names = ", ".join(name for name, good in requested.items() if not good)
     return f"missed: {names}" if names else "all targets"
 
 
 def main() -> bool:
     """Simulate all seeds; each target must hold for the default seed and nine others, those of `adaptive` for all."""
-    flown = collect("orderings", map(str, SEEDS), lambda item: fly(int(item)))
+    flown = collect("orderings", map(str, SEEDS), lambda item: simulate_item(int(item)))
     met = {seed: targets(found) for seed, found in flown.items()}
     print("seed    " + "".join(f"{case:>8}" for case in CASES) + "   e_p [mm], second half")
     for seed, found in flown.items():
@@ -96,12 +98,12 @@ def main() -> bool:
     every = list(flown.values())
     e = {case: np.array([found[case]["e_p_rms_m"] for found in every]) for case in CASES}
     mismatch = {case: np.array([found[case]["delta_W_force_rms_N"] for found in every]) for case in CASES}
-    asked = adaptive_targets(e, mismatch)
-    for target in asked:
+    requested = adaptive_targets(e, mismatch)
+    for target in requested:
         print(f"all seeds, {target}")
     others = [met[str(seed)] for seed in SEEDS if seed]
     holds = all(met["0"].values()) and all(sum(m[name] for m in others) >= 9 for name in met["0"])
-    return holds and all(target.met for target in asked)
+    return holds and all(target.met for target in requested)
 
 
 if __name__ == "__main__":

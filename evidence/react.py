@@ -25,17 +25,17 @@ from evidence.targets import Target
 
 SAMPLES = 200
 CASES = ("C3", "label_feedback", "adaptive", "true_residual")
-LEAD = 0.04  # s, of the second F
+LEAD_TIME = 0.04  # s, of the second variant of label_feedback
 DELAYS = ((0, 0), (3, 4), (5, 4))  # ticks, true and nominal; each pair is compiled separately
 DECAYING = "gp_label_feedback decaying"  # with the decaying correction of `adaptive`
-CHANGE, AFTER = 13.0, 14.5  # s
-HALF, CHANGING = (10.0, 20.0), (CHANGE, CHANGE + 1)  # s
+CHANGE_TIME, EVALUATION_START = 13.0, 14.5  # s
+SECOND_HALF, AFTER_CHANGE = (10.0, 20.0), (CHANGE_TIME, CHANGE_TIME + 1)  # s
 
 
 def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
-    """Return the scenario of a sample, and its random parameters."""
+    """Return the scenario of a sample and its random parameters."""
     rng = np.random.default_rng((2026, sample))
-    asked = {
+    parameters = {
         "wind_turn_deg": float(rng.uniform(-180, 180)) * (rng.random() < 0.7),
         "added_mass_kg": 1.5 * float(rng.uniform(-0.2, 0.4)) * (rng.random() < 0.6),
         "path_offset_m": [float(x) for x in rng.uniform(-1, 1, 2) * (rng.random() < 0.4)],
@@ -50,78 +50,90 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     data = base.model_dump()
     for source in data["disturbances"]:
         if source["kind"] == "wind":
-            source["direction_change"] = {"change_deg": asked["wind_turn_deg"], "start_s": CHANGE, "ramp_time_s": 0.3}
-    data["payload_mass_step"] = {"mass_kg": asked["added_mass_kg"], "start_s": CHANGE}
-    data["reference"]["departure"] = {"offset_m": [*asked["path_offset_m"], 0.0], "start_s": 11.0, "ramp_time_s": 3.0}
-    fast = 1 / max(2 * np.pi * asked["actuator_lag_s"], 1e-4)
+            source["direction_change"] = {
+                "change_deg": parameters["wind_turn_deg"],
+                "start_s": CHANGE_TIME,
+                "ramp_time_s": 0.3,
+            }
+    data["payload_mass_step"] = {"mass_kg": parameters["added_mass_kg"], "start_s": CHANGE_TIME}
+    data["reference"]["departure"] = {
+        "offset_m": [*parameters["path_offset_m"], 0.0],
+        "start_s": 11.0,
+        "ramp_time_s": 3.0,
+    }
+    fast = 1 / max(2 * np.pi * parameters["actuator_lag_s"], 1e-4)
     tick = 1 / base.control_Hz
-    true, nominal = asked["delay_ticks"]
+    true, nominal = parameters["delay_ticks"]
     data["actuators"] = {"kind": "motors", "bandwidth_Hz": fast, "delay_s": true * tick}
-    data["nominal"]["actuators"] = {"bandwidth_Hz": fast / asked["nominal_lag_ratio"], "delay_s": nominal * tick}
+    data["nominal"]["actuators"] = {"bandwidth_Hz": fast / parameters["nominal_lag_ratio"], "delay_s": nominal * tick}
     data["sensors"] |= {
-        name: x * asked["noise_scale"]
+        name: x * parameters["noise_scale"]
         for name, x in data["sensors"].items()
         if isinstance(x, float) and "Hz" not in name
     }
-    lost = {
+    ended = {
         "kind": "intermittent",
         "channels": ["agents.lam"],
         "rate_Hz": base.control_Hz,
-        "dropout_probability": min(asked["dropout_probability"], 0.99),
+        "dropout_probability": min(parameters["dropout_probability"], 0.99),
     }
-    data["sensors"]["models"] = [lost | {"failure_time_s": asked["label_failure_time_s"]}]
+    data["sensors"]["models"] = [ended | {"failure_time_s": parameters["label_failure_time_s"]}]
     data["control"]["preview_step_s"] = preview.PREVIEW_STEP
     data["seed"] = 1000 + sample
-    return Scenario.model_validate(data), asked
+    return Scenario.model_validate(data), parameters
 
 
-def fly(item: str) -> dict[str, Any]:
-    """Of each case of a sample: the RMS error of position after the changes, m, chatter, and why it ended, if early."""
-    settings, asked = draw(int(item))
-    plans = experiment.make_experiments(
-        settings, (*CASES, *(["gp_label_feedback"] if asked["label_failure_time_s"] else []))
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return for each case of a sample the RMS position error after the changes [m] and other metrics."""
+    settings, parameters = draw(int(item))
+    experiments = experiment.make_experiments(
+        settings, (*CASES, *(["gp_label_feedback"] if parameters["label_failure_time_s"] else []))
     )
-    plans["label_feedback tuned_lead"] = led(settings)
-    if asked["label_failure_time_s"]:
-        plans[DECAYING] = decaying(plans["gp_label_feedback"], plans["adaptive"])
-    cases = {case: flown(plan) for case, plan in plans.items()}
+    experiments["label_feedback tuned_lead"] = with_lead_time(settings)
+    if parameters["label_failure_time_s"]:
+        experiments[DECAYING] = decaying(experiments["gp_label_feedback"], experiments["adaptive"])
+    cases = {case: simulate_case(case_experiment) for case, case_experiment in experiments.items()}
     if cases["adaptive"]["termination_reason"]:
-        cases["C1"] = flown(experiment.make_experiment(settings, "C1"))
-    return {"sample": asked, **cases}
+        cases["C1"] = simulate_case(experiment.make_experiment(settings, "C1"))
+    return {"sample": parameters, **cases}
 
 
-def led(settings: Scenario) -> Experiment:
+def with_lead_time(settings: Scenario) -> Experiment:
     """Return the experiment of `label_feedback` with the best lead time in nominal conditions."""
     plan = experiment.make_experiment(settings, "label_feedback")
-    return dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, LEAD))
+    return dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, LEAD_TIME))
 
 
-def decaying(held: Experiment, adaptive: Experiment) -> Experiment:
+def decaying(constant_correction: Experiment, adaptive: Experiment) -> Experiment:
     """Return the experiment of `gp_label_feedback` with the decaying correction of `adaptive`."""
     with_decay = dataclasses.replace(
-        held.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
+        constant_correction.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
     )
-    return dataclasses.replace(held, controller=dataclasses.replace(held.controller, innovation_filter=with_decay))
+    return dataclasses.replace(
+        constant_correction,
+        controller=dataclasses.replace(constant_correction.controller, innovation_filter=with_decay),
+    )
 
 
-def flown(plan: Experiment) -> dict[str, Any]:
-    """What is kept of a flight."""
-    flight = run_experiment(plan)
-    rows, late = flight.records, flight.records.t >= AFTER
-    soon = late & (rows.t < AFTER + 1)
+def simulate_case(case_experiment: Experiment) -> dict[str, Any]:
+    """Return the stored metrics of a flight."""
+    flight = run_experiment(case_experiment)
+    rows, late = flight.records, flight.records.t >= EVALUATION_START
+    first_second = late & (rows.t < EVALUATION_START + 1)
     return {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
-        "e_p_rms_first_second_m": metrics.rms_norm(rows.e_p[soon]) if soon.any() else None,
+        "e_p_rms_first_second_m": metrics.rms_norm(rows.e_p[first_second]) if first_second.any() else None,
         "termination_reason": flight.termination_reason,
         "contact_force_hf_rms_N": metrics.high_frequency_rms(metrics.second_half(rows)),
         "miscoverage": {
-            name: surprised(flight, *span) for name, span in (("second_half", HALF), ("after_change", CHANGING))
+            name: miscoverage(flight, *span)
+            for name, span in (("second_half", SECOND_HALF), ("after_change", AFTER_CHANGE))
         },
     }
 
 
-def surprised(flight: FlightResult, start: float, end: float) -> float | None:
-    """The share of samples from start to end, s, whose error is over 1.96 predictive deviations, of all forces."""
+def miscoverage(flight: FlightResult, start: float, end: float) -> float | None:
+    """Return the share of force errors above 1.96 predictive standard deviations from start to end [s]."""
     at = log.uncertainty_indices(flight.records, flight.uncertainty)
     now = (flight.uncertainty.t >= start) & (flight.uncertainty.t < end)
     errors = flight.records.f_L - flight.records.f_L_hat, flight.records.f_x - flight.records.f_x_hat
@@ -132,22 +144,22 @@ def surprised(flight: FlightResult, start: float, end: float) -> float | None:
     return float(np.mean([(x > 1.96).mean() for x in off])) if now.any() else None
 
 
-def share(ratios: list[float], most: float) -> tuple[int, str]:
-    """How many ratios are within a bound, and how large they are."""
+def share(ratios: list[float], maximum: float) -> tuple[int, str]:
+    """Return the number of ratios within a bound, and their distribution as text."""
     x = np.array(ratios)
-    within = int((x <= most).sum())
+    within = int((x <= maximum).sum())
     spread = f"median {np.median(x):.2f}, 90 % {np.quantile(x, 0.9):.2f}, worst {x.max():.2f}"
     return within, f"{within} of {len(x)} ({spread})"
 
 
 def main() -> bool:
     """Print the comparison and the targets of `adaptive`; return whether all are met."""
-    found_of = collect("react", map(str, range(SAMPLES)), fly)
-    lost = {
+    found_of = collect("react", map(str, range(SAMPLES)), simulate_item)
+    ended = {
         case: [item for item, found in found_of.items() if found[case]["termination_reason"]]
         for case in (*CASES, "label_feedback tuned_lead")
     }
-    print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in lost.items()))
+    print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in ended.items()))
     whole = {
         item: found
         for item, found in found_of.items()
@@ -158,40 +170,42 @@ def main() -> bool:
         e = [1e3 * error(f, case) for f in whole.values()]
         spread = f"median {np.median(e):.1f} mm, 90 % {np.quantile(e, 0.9):.1f}, worst {max(e):.1f}"
         print(f"{case:5} e_p after the changes: {spread}")
-    asked = targets(found_of)
-    for target in asked:
+    parameters = targets(found_of)
+    for target in parameters:
         print(target)
-    return all(target.met for target in asked)
+    return all(target.met for target in parameters)
 
 
 def error(found: dict[str, Any], case: str) -> float:
-    """The position error of a case after the changes, m; infinite where its flight ended early."""
+    """Return the position error of a case after the changes [m]; infinite if its flight ended early."""
     e = found[case]["e_p_rms_m"]
     return np.inf if found[case]["termination_reason"] or e is None else e
 
 
 def targets(found_of: dict[str, Any]) -> list[Target]:
-    """Targets over the samples in which C4 and O came to the end: percentages of them within a limit."""
+    """Return targets over the samples in which `adaptive` and `true_residual` complete their flights."""
 
     def over(flights: list[dict[str, Any]], *cases: str) -> list[float]:
         return [error(f, "adaptive") / min(error(f, case) for case in cases) for f in flights]
 
-    lost = [item for item, found in found_of.items() if found["adaptive"]["termination_reason"]]
+    ended = [item for item, found in found_of.items() if found["adaptive"]["termination_reason"]]
     every = [
         found
         for found in found_of.values()
         if not any(found[case]["termination_reason"] for case in ("adaptive", "true_residual"))
     ]
-    lasting = [f for f in every if f["sample"]["label_failure_time_s"] is None]
-    silent = [f for f in every if f["sample"]["label_failure_time_s"] is not None]
+    with_labels = [f for f in every if f["sample"]["label_failure_time_s"] is None]
+    without_labels = [f for f in every if f["sample"]["label_failure_time_s"] is not None]
     stepped = [f for f in every if abs(f["sample"]["wind_turn_deg"]) > 30 or abs(f["sample"]["added_mass_kg"]) > 0.1]
-    soon = [f["adaptive"]["e_p_rms_first_second_m"] / f["true_residual"]["e_p_rms_first_second_m"] for f in stepped]
+    first_second = [
+        f["adaptive"]["e_p_rms_first_second_m"] / f["true_residual"]["e_p_rms_first_second_m"] for f in stepped
+    ]
     outside = {span: [f["adaptive"]["miscoverage"][span] for f in every] for span in ("second_half", "after_change")}
-    asked = (  # of what, at most, in which share of the flights
-        ("labels available: e_p of adaptive over true_residual", over(lasting, "true_residual"), 2.5, 0.9),
+    parameters = (  # quantity, values, largest value, required share of the flights
+        ("labels available: e_p of adaptive over true_residual", over(with_labels, "true_residual"), 2.5, 0.9),
         (
             "labels lost: e_p of adaptive over the smallest of C3, gp_label_feedback and its decaying variant",
-            over(silent, "C3", "gp_label_feedback", DECAYING),
+            over(without_labels, "C3", "gp_label_feedback", DECAYING),
             1.15,
             1.0,
         ),
@@ -202,7 +216,7 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
             1.15,
             1.0,
         ),
-        ("1.5 s to 2.5 s after a step change: e_p of adaptive over true_residual", soon, 2.0, 1.0),
+        ("1.5 s to 2.5 s after a step change: e_p of adaptive over true_residual", first_second, 2.0, 1.0),
         (
             "contact forces of adaptive above 20 Hz [N RMS]",
             [f["adaptive"]["contact_force_hf_rms_N"] for f in every],
@@ -218,11 +232,13 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
         ("the same, within 1 s after a change", outside["after_change"], 0.1, 1.0),
     )
     shares = []
-    for what, ratios, most, least in asked:
-        within, note = share(ratios, most)
+    for what, ratios, maximum, least in parameters:
+        within, note = share(ratios, maximum)
         percent = 100 * within / len(ratios)
-        shares.append(Target(f"{what}, at most {most:g}", percent, least=100 * least, unit="% of flights", note=note))
-    worse = sum(found_of[item]["C1"]["termination_reason"] == "" for item in lost)
+        shares.append(
+            Target(f"{what}, at most {maximum:g}", percent, least=100 * least, unit="% of flights", note=note)
+        )
+    worse = sum(found_of[item]["C1"]["termination_reason"] == "" for item in ended)
     return [*shares, Target("flights that adaptive loses and C1 completes", worse, most=0)]
 
 

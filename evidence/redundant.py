@@ -1,7 +1,6 @@
-"""Teams with joints beyond need, or two arms an agent: errors of C1 to C4 over seeds, with the tips' bias and without.
-
-A constant bias of the tips' sensors is a moment of the payload that C2 learns and agents do not learn back, so Psi
-need not fall from C1 to C2; e_p is to.
+"""Teams with redundant joints or two arms per agent: errors of C1 to `adaptive` over seeds, with and without sensor
+bias. A constant bias of tip force sensors is a moment of the payload that C2 learns and the agents do not
+compensate. Psi therefore need not decrease from C1 to C2; e_p must.
 """
 
 from __future__ import annotations
@@ -23,14 +22,14 @@ SEEDS = (0, 1, 2)
 UNBIASED = "sensors.tip_force_bias_N=0"
 
 
-def fly(item: str) -> dict[str, Any]:
-    """By case, RMS of e_p and the mean of Psi over the second half, or why it ended early."""
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return for each case RMS e_p and mean Psi over the second half, or the reason of an early end."""
     team, seed, *changes = item.split()
     found = {}
-    for case, plan in experiment.make_experiments(
+    for case, case_experiment in experiment.make_experiments(
         scenario.load_scenario(team, [f"seed={seed}", *changes]), CASES
     ).items():
-        flight = run_experiment(plan)
+        flight = run_experiment(case_experiment)
         half = metrics.second_half(flight.records)
         errors = {"e_p_rms_m": metrics.rms_norm(half.e_p), "Psi_mean": float(np.mean(half.Psi))}
         found[case] = {"termination_reason": flight.termination_reason} | ({} if flight.termination_reason else errors)
@@ -38,9 +37,9 @@ def fly(item: str) -> dict[str, Any]:
 
 
 def main() -> bool:
-    """All flights are complete; e_p falls from case to case, with biased tips from C1 to C2 as well."""
+    """All flights must be complete; e_p must decrease from case to case, with sensor bias from C1 to C2 as well."""
     items = [f"{team} {rest}" for team in TEAMS for rest in (*map(str, SEEDS), f"0 {UNBIASED}")]
-    flown, good = collect("redundant", items, fly), True
+    flown, good = collect("redundant", items, simulate_item), True
     for item in items:
         found = flown[item]
         if stopped := {case: each["termination_reason"] for case, each in found.items() if each["termination_reason"]}:

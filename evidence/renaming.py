@@ -1,8 +1,8 @@
-"""Bit-equality of results before and after the renaming: flights, exported C code and a certificate.
+"""Bit-equality of results before and after the renaming to standard terms: flights, exported C code, a certificate.
 
 Both versions run on this machine with the installed packages: the version before, from the history of the repository,
-and the version checked out. Each item compares what both wrote, after the names of the old version were mapped to the
-new ones. A difference of a single bit is reported.
+and the present version. Each item compares both outputs after a mapping of old names to new ones. A difference of a
+single bit is reported.
 """
 
 from __future__ import annotations

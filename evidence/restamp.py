@@ -62,7 +62,7 @@ NONE = "absent"
 
 
 class Difference(NamedTuple):
-    """One value that a replay did not repeat: where it is, and what is stored and computed there."""
+    """One value that differs: its key, and the stored and computed values."""
 
     key: str
     old: Any
@@ -78,7 +78,7 @@ def _short(value: Any) -> str:
 
 
 def differences(old: Any, new: Any, at: str = "") -> Iterator[Difference]:
-    """Yield the values in which two items differ, in the order in which they are stored.
+    """Yield the values in which two items differ, in stored order.
 
     Args:
         old: The stored item, under today's names.
@@ -119,11 +119,11 @@ def code(files: Mapping[str, str]) -> str:
 
 
 class Unreplayed(Exception):
-    """An item that could not be computed, and why."""
+    """Signal that an item could not be computed, with the reason."""
 
 
 def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
-    """Return an item of a result, computed again in a process of its own, and the time that it took [s].
+    """Return an item of a result, computed again in a child process, and its duration [s].
 
     Raises:
         Unreplayed: If it takes longer than the limit or ends with an error.
@@ -133,10 +133,10 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
         out = Path(folder) / "item.json"
         command = [sys.executable, "-m", "evidence.restamp", name, item, str(out)]
         streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
-        # in a session of its own, so that what the item starts ends with it
+        # in a separate session, so that child processes of the item end with it
         with subprocess.Popen(command, cwd=evidence.ROOT, start_new_session=True, **streams) as run:
             try:
-                _, said = run.communicate(timeout=limit_s)
+                _, errors = run.communicate(timeout=limit_s)
             except BaseException as end:
                 with contextlib.suppress(ProcessLookupError):
                     os.killpg(run.pid, signal.SIGKILL)
@@ -144,7 +144,7 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
                     raise Unreplayed(f"takes longer than {limit_s:g} s") from None
                 raise
         if not out.exists():
-            lines = [line for line in said.splitlines() if line.strip()]
+            lines = [line for line in errors.splitlines() if line.strip()]
             raise Unreplayed(f"ends with status {run.returncode}: {lines[-1] if lines else 'no message'}")
         return json.loads(out.read_text()), time.monotonic() - began
 
@@ -152,7 +152,7 @@ def computed(name: str, item: str, limit_s: float) -> tuple[Any, float]:
 def restamp(
     name: str, item: str | None = None, limit_s: float = LIMIT_S, again: bool = False, within: float = 0.0
 ) -> tuple[bool, str]:
-    """Replay one item of a result and stamp the result where the item is equal.
+    """Compute one item of a result again, and stamp the result if the item is equal.
 
     Args:
         name: The result.
@@ -166,23 +166,23 @@ def restamp(
     """
     if not (evidence.RESULTS / f"{name}.json").exists():
         return False, "no result"
-    if not evidence.behind(name):
+    if not evidence.changed_files(name):
         return True, "nothing changed since"
-    made, files = evidence.stored(name), evidence.rests_on(evidence.ROOT / "evidence" / f"{name}.py")
+    record, files = evidence.stored(name), evidence.files_behind(evidence.ROOT / "evidence" / f"{name}.py")
     if changed := evidence.uncommitted(files):
         return False, f"left alone: not committed: {', '.join(changed[:3])}"
-    before = made.get("replayed", {})
+    before = record.get("replayed", {})
     if before.get("code") == code(files) and not again and item in (None, before["item"]):
         return False, f"stale, as replayed on {before['date']}: {Difference(*before['difference'])}"
-    item = item or ITEMS.get(name, next(iter(made["items"])))
-    if item not in made["items"]:
+    item = item or ITEMS.get(name, next(iter(record["items"])))
+    if item not in record["items"]:
         return False, f"left alone: no item {item!r} is stored"
     try:
         value, seconds = computed(name, item, limit_s)
-    except Unreplayed as why:
-        return False, f"left alone: item {item!r} {why}"
-    every = list(differences(made["items"][item], value))
-    found = every if (size := relative(every)) is None or size > within else []
+    except Unreplayed as reason:
+        return False, f"left alone: item {item!r} {reason}"
+    all_differences = list(differences(record["items"][item], value))
+    found = all_differences if (size := relative(all_differences)) is None or size > within else []
     replayed = {
         "item": item,
         "date": dt.date.today().isoformat(),
@@ -197,15 +197,15 @@ def restamp(
         evidence.save(path, json.loads(path.read_text()) | {"replayed": replayed})
         spread = "" if size is None else f", relative differences up to {size:.1e}"
         return False, f"stale: item {item!r} differs in {len(found)} values{spread}; first {found[0]}"
-    origin = made.get("computed") or {key: made[key] for key in ("commit", "date")}
+    origin = record.get("computed") or {key: record[key] for key in ("commit", "date")}
     stamp = {"commit": evidence.head(), "files": files, "computed": origin, "replayed": replayed}
-    evidence.save(path, made | stamp | {"items": made["items"]})
-    equal = f"equal to {size:.1e}" if every else "equal"
+    evidence.save(path, record | stamp | {"items": record["items"]})
+    equal = f"equal to {size:.1e}" if all_differences else "equal"
     return True, f"stamped: item {item!r} is {equal}, replayed in {seconds:.0f} s"
 
 
 def main(arguments: list[str], names: list[str]) -> int:
-    """Restamp results, one line each; the status is 1 where one of them stays behind, 2 for a name that is none."""
+    """Restamp results, one line each; the status is 1 if one of them stays outdated, 2 for an unknown name."""
     parser = argparse.ArgumentParser(prog="evidence restamp", description="replay one item of each stale result")
     parser.add_argument("names", nargs="*", metavar="NAME", help="results; all where none is named")
     parser.add_argument("--item", help="the stored item to replay, for one NAME")
@@ -226,7 +226,7 @@ def main(arguments: list[str], names: list[str]) -> int:
 
 
 def replay(name: str, item: str, out: Path) -> None:
-    """Compute one item of a proof and write it as JSON."""
+    """Compute one item of an evidence module and write it as JSON."""
     evidence.replay = item
     try:
         importlib.import_module(f"evidence.{name}").main()

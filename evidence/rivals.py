@@ -46,29 +46,29 @@ CONFIDENCE = 0.95  # of split-conformal prediction; the others are certain
 RIVALS = ("recovery", "energy", "pointwise", "L1", "conformal")
 
 
-def fly(item: str) -> dict[str, Any]:
-    """The certificates of one seed, or what some flights for calibration reached."""
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return the certificates of one seed, or the errors of some calibration flights."""
     kind, k = item.split()
-    return calibration(int(k)) if kind == "calibration" else compared(int(k))
+    return calibration_errors(int(k)) if kind == "calibration" else compare(int(k))
 
 
-def calibration(k: int) -> dict[str, Any]:
-    """What each error reached in the window, flight by flight, and s."""
+def calibration_errors(k: int) -> dict[str, Any]:
+    """Return the largest errors in the window of each flight, and the duration [s]."""
     begun, reached = time.perf_counter(), []
     for seed in range(FROM + k * AT_ONCE, FROM + (k + 1) * AT_ONCE):
         flight = run_experiment(experiment.make_experiment(_settings(seed), "C3"))
-        late = flight.records.t >= _from(flight)
+        late = flight.records.t >= _window_start(flight)
         reached.append({error: _size(getattr(flight.records, error)[late]) for error in ERRORS})
     return {"observed_errors": reached, "computation_time_s": time.perf_counter() - begun}
 
 
-def compared(seed: int) -> dict[str, Any]:
-    """Radii for any run by each certificate, m, m/s, 1 and rad/s, and what flights reach."""
+def compare(seed: int) -> dict[str, Any]:
+    """Return bounds for any run by each certificate [m, m/s, 1, rad/s], and the errors of the flights."""
     begun = time.perf_counter()
     made = certification.certify(_settings(seed), names=("energy", "recovery"))
     ours, found, loop = time.perf_counter() - begun, made.certificate, made.nominal_linearization
     begun = time.perf_counter()
-    others = rivals(made)
+    others = baseline_bounds(made)
     theirs = time.perf_counter() - begun
     reached = {"simulation": dict(found.observed)}
     for name in TRIES:
@@ -89,8 +89,8 @@ def compared(seed: int) -> dict[str, Any]:
     }
 
 
-def rivals(made: certification.CertificationResult) -> dict[str, dict[str, float]]:
-    """Radii of the pointwise tube and of the bound by L1 norms; infinite where there is none.
+def baseline_bounds(made: certification.CertificationResult) -> dict[str, dict[str, float]]:
+    """Return bounds of the pointwise tube and by L1 norms; infinite if there is none.
 
     `e^0 + sum_k |L_k| (rho + d)(t_k)`, `d = M (rho + d)`; and `e^0 + sum_k |L_k| r`, `r = (1 - sup sum M)^-1 sup rho`.
     """
@@ -126,8 +126,8 @@ def _settings(seed: int) -> scenario.Scenario:
     return scenario.load_scenario("certified").model_copy(update={"seed": seed})
 
 
-def _from(flight: FlightResult) -> float:
-    """The last round of the reference, s."""
+def _window_start(flight: FlightResult) -> float:
+    """Return the start of the last period of the reference [s]."""
     return flight.records.t[-1] - 8.0 + 1e-9
 
 
@@ -136,17 +136,17 @@ def _size(x: np.ndarray) -> float:
 
 
 def main() -> bool:
-    """Compare, then judge ours: never exceeded, and below every rival that is certain and never exceeded either."""
+    """Compare; bounds of colift must hold and be smaller than those of every baseline that holds with certainty."""
     certified, flights = [f"seed {seed}" for seed in SEEDS], CALIBRATION // AT_ONCE
-    found = collect("rivals", [*certified, *(f"calibration {k}" for k in range(flights))], fly)
+    found = collect("rivals", [*certified, *(f"calibration {k}" for k in range(flights))], simulate_item)
     each = [found[item] for item in certified]
     past = [flight for k in range(flights) for flight in found[f"calibration {k}"]["observed_errors"]]
     rank = math.ceil((len(past) + 1) * CONFIDENCE) - 1
     quantile = {error: sorted(flight[error] for flight in past)[rank] for error in ERRORS}
     exceeded: dict[str, int] = {}
     medians: dict[str, dict[str, float]] = {}
-    for rival in RIVALS:
-        radii = [quantile if rival == "conformal" else one["ultimate_bounds"][rival] for one in each]
+    for baseline in RIVALS:
+        radii = [quantile if baseline == "conformal" else one["ultimate_bounds"][baseline] for one in each]
         broken = {
             kind: sum(
                 one["observed_errors"][name][error] > radius[error]
@@ -157,7 +157,7 @@ def main() -> bool:
             )
             for kind in ("drawn", "attack")
         }
-        medians[rival] = {error: float(np.median([radius[error] for radius in radii])) for error in ERRORS}
+        medians[baseline] = {error: float(np.median([radius[error] for radius in radii])) for error in ERRORS}
         over = {
             error: np.median(
                 [
@@ -167,9 +167,11 @@ def main() -> bool:
             )
             for error in ERRORS
         }
-        said = ", ".join(f"{error} {over[error]:.3g}" for error in ERRORS)
-        print(f"{rival:9} radius / observed, median: {said}; exceeded {broken['drawn']} and {broken['attack']} times")
-        exceeded[rival] = broken["drawn"] + (broken["attack"] if rival != "conformal" else 0)
+        output = ", ".join(f"{error} {over[error]:.3g}" for error in ERRORS)
+        print(
+            f"{baseline:9} radius / observed, median: {output}; exceeded {broken['drawn']} and {broken['attack']} times"
+        )
+        exceeded[baseline] = broken["drawn"] + (broken["attack"] if baseline != "conformal" else 0)
     many = len(SEEDS) * len(ERRORS)
     print(f"of {many} errors as drawn and {many * len(TRIES)} under attack; conformal says {CONFIDENCE:.0%} of draws")
     spent = {
@@ -180,10 +182,14 @@ def main() -> bool:
         f"computation time: colift {spent['colift']:.0f} s, pointwise and L1 {spent['pointwise and L1']:.0f} s, "
         f"conformal {total:.0f} s"
     )
-    certain = [rival for rival in RIVALS if not exceeded[rival] and rival != "conformal"]
+    certain = [baseline for baseline in RIVALS if not exceeded[baseline] and baseline != "conformal"]
     ours = medians["recovery"]
     finite = all(math.isfinite(one["ultimate_bounds"]["recovery"][error]) for one in each for error in ERRORS)
-    return finite and "recovery" in certain and all(ours[e] <= medians[rival][e] for rival in certain for e in ERRORS)
+    return (
+        finite
+        and "recovery" in certain
+        and all(ours[e] <= medians[baseline][e] for baseline in certain for e in ERRORS)
+    )
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""The ultimate bound of the attitude against the worst disturbance found: how tight it is, and that nothing exceeds it.
+"""Tightness of the attitude bound: the worst disturbance found by a search on SO(3).
 
-For each damping and size of disturbance a search on SO(3) for the d(t), `|d| <= rho`, that brings `|e_R|` or
-`|e_omega|` highest: from many starts (steady, switching in a plane, turning, random, all in random directions), each
-improved by `d <- rho g / |g|`, `g` the gradient by d of what is sought: the condition of Pontryagin's maximum
-principle, iterated. The equations are integrated as the paper states them, with no coordinates of the proof.
+For each damping ratio and magnitude the search maximizes `|e_R|` or `|e_omega|` over d(t) with `|d| <= rho`. It starts
+from many disturbances (constant, switching in a plane, rotating, random, in random directions) and iterates the
+condition of Pontryagin's maximum principle: `d <- rho g / |g|` with the gradient g of the objective. The equations are
+integrated in the paper's form, without the coordinates of the proof.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STARTS, ROUNDS = 128, 25
 STIFFNESS, PAPERS_RATE_GAIN = 60.0, 14.0  # 1/s^2, 1/s
 DAMPINGS = (0.5, 0.7, PAPERS_RATE_GAIN / 2 / STIFFNESS**0.5, 1.0, 1.25, 1.5)
 SIZES = (0.01, 0.05, 0.1, 0.17, 0.3)  # rho over k_R
-TARGET, UP_TO = 1.35, 0.17  # what must be reached, and up to which size
+TARGET, UP_TO = 1.35, 0.17  # required ratio, and the largest magnitude for which it is required
 
 
 def horizon(k_R: float, k_omega: float) -> float:
@@ -40,10 +40,10 @@ def error_rates(
     return Q @ so3.hat(e_omega), -k_R * so3.e_R(Q, jnp.eye(3)) - k_omega * e_omega + d
 
 
-def fly(
+def simulate(
     Q: Float[Array, "3 3"], e_omega: Float[Array, "3"], d: Float[Array, "steps 3"], k_R: float, k_omega: float, h: float
 ) -> tuple[Float[Array, "steps 3 3"], Float[Array, "steps 3"]]:
-    """The errors after each step of length h, on which d is constant: Runge-Kutta of order 4."""
+    """Return the errors after each step of length h with constant d: Runge-Kutta of order 4."""
 
     def step(x: tuple[Array, Array], d: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         def rates(by: float, of: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -61,7 +61,7 @@ def fly(
 
 
 def starts(key: Key[Array, ""], count: int, k_R: float, h: float) -> Float[Array, "count steps 3"]:
-    """Disturbances of size 1: steady, switching in a plane, turning and random in equal parts."""
+    """Return disturbances of magnitude 1: constant, switching in a plane, rotating and random in equal parts."""
     turn, plane, rate, noise = jax.random.split(key, 4)
     U = jnp.linalg.qr(jax.random.normal(turn, (count, 3, 3)))[0]
     w = k_R**0.5 * jax.random.uniform(rate, (count, 1), minval=0.2, maxval=2.0)
@@ -81,14 +81,14 @@ def starts(key: Key[Array, ""], count: int, k_R: float, h: float) -> Float[Array
 def search(
     key: Key[Array, ""], k_R: float, k_omega: float, rho: float, h: float, count: int, rounds: int
 ) -> dict[str, Float[Array, ""]]:
-    """The greatest `|e_R|` and `|e_omega|` found over all starts and rounds, from zero error."""
+    """Return the largest `|e_R|` and `|e_omega|` found over all starts and iterations, from zero error."""
     still = jnp.eye(3), jnp.zeros(3)
 
     def last_e_R(d: Array) -> Array:
-        return jnp.linalg.norm(so3.e_R(fly(*still, d, k_R, k_omega, h)[0][-1], jnp.eye(3)))
+        return jnp.linalg.norm(so3.e_R(simulate(*still, d, k_R, k_omega, h)[0][-1], jnp.eye(3)))
 
     def last_e_omega(d: Array) -> Array:
-        return jnp.linalg.norm(fly(*still, d, k_R, k_omega, h)[1][-1])
+        return jnp.linalg.norm(simulate(*still, d, k_R, k_omega, h)[1][-1])
 
     found = {}
     for name, sought in (("e_R", last_e_R), ("e_omega", last_e_omega)):
@@ -104,7 +104,7 @@ def search(
 
 
 def textbook(k_R: float, k_omega: float, rho: float) -> float:
-    """The usual chain for `V = k_R Psi + |e_omega|^2 / 2 + c e_R . e_omega`, `Psi < 1`: a bound on `|e_R|`.
+    """Return the usual bound of `|e_R|` with `V = k_R Psi + |e_omega|^2 / 2 + c e_R . e_omega`, `Psi < 1`.
 
     `z^T M_1 z <= V <= z^T M_2 z`, `V' <= -z^T W z + rho sqrt(1 + c^2) |z|`, `z = (|e_R|, |e_omega|)`: ultimately
     `|z| <= sqrt(max eigenvalue of M_2 / min eigenvalue of M_1) rho sqrt(1 + c^2) / min eigenvalue of W`. With the best
@@ -123,7 +123,7 @@ def textbook(k_R: float, k_omega: float, rho: float) -> float:
 
 
 def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, float]:
-    """Certified bounds over what the search found, of `e_R` and `e_omega`, for one loop and size of disturbance."""
+    """Return certified bounds over the search results for `e_R` and `e_omega`, for one loop and magnitude."""
     k_R, k_omega = STIFFNESS, 2 * damping * STIFFNESS**0.5
     bound = attitude_bound.ultimate_bound(k_R, k_omega, size * k_R)
     h = horizon(k_R, k_omega) / STEPS
@@ -140,7 +140,7 @@ def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, f
 
 
 def main() -> bool:
-    """Every ratio must be at least 1, and at most `TARGET` for sizes up to `UP_TO`."""
+    """Every ratio must be at least 1, and at most `TARGET` for magnitudes up to `UP_TO`."""
     cases = {f"damping {z:.3f}, rho {s} k_R": (z, s) for z in DAMPINGS for s in SIZES}
     table = collect("rotation", cases, lambda item: compare(*cases[item], STARTS, ROUNDS))
     held = True

@@ -1,7 +1,7 @@
-"""Learned figures under other roundings: C2 and C3 by which kernels BLAS and XLA choose, each in a process of its own.
+"""Metrics under other rounding:
 
-A person's processor decides how OpenBLAS and XLA order their sums. Here they are made to take another processor's
-order, so that the figures of merit show what of them is rounding.
+C2 and C3 with other kernels of BLAS and XLA, each in a child process. The processor determines the order of sums in
+OpenBLAS and XLA. Here they use the order of another processor, so the differences of the metrics are due to rounding.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LIMIT = 0.03  # of the median, between the least and the greatest over all setti
 
 
 def items() -> list[str]:
-    """Seed, OpenBLAS core type and XLA instruction set of each flight; the most unlike settings first."""
+    """Return seed, OpenBLAS core type and XLA instruction set of each flight, the most different settings first."""
     wide = "avx512f" in Path("/proc/cpuinfo").read_text(encoding="utf-8")
     # builds of OpenBLAS without kernels for a core take another's: one flight is enough
     cores = list({kernels(core): core for core in reversed((*BLAS, *["SkylakeX"] * wide))}.values())[::-1]
@@ -48,34 +48,36 @@ def kernels(core: str) -> str:
     return subprocess.run([sys.executable, "-c", code], env=env, check=True, capture_output=True, text=True).stdout
 
 
-def apart(item: str) -> dict[str, Any]:
-    """The figures of one item, flown in a process with its settings."""
+def run_item(item: str) -> dict[str, Any]:
+    """Return the metrics of one item, simulated in a process with its settings."""
     seed, core, isa = item.split()
     flags = [f for f in os.environ.get("XLA_FLAGS", "").split() if "xla_cpu_max_isa" not in f]
     flags += [] if isa == "default" else [f"--xla_cpu_max_isa={isa}"]
     env = {**os.environ, "OPENBLAS_CORETYPE": core, "XLA_FLAGS": " ".join(flags)}
-    code = f"from evidence import rounding; rounding.show({seed})"
+    code = f"from evidence import rounding; rounding.print_metrics({seed})"
     done = subprocess.run([sys.executable, "-c", code], env=env, check=True, capture_output=True, text=True)
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def show(seed: int) -> None:
-    """Fly the cases of one seed under this process's settings and print the figures as JSON, on the last line."""
+def print_metrics(seed: int) -> None:
+    """Simulate the cases of one seed with the settings of this process and print the metrics as JSON on the last
+    line.
+    """
     settings = scenario.load_scenario("paper").model_copy(update={"seed": seed})
     found: dict[str, Any] = {
         "blas": sorted({lib["architecture"] for lib in threadpool_info() if "architecture" in lib})
     }
     for case in CASES:
-        plan = experiment.make_experiment(settings, case)
-        flight = run_experiment(plan)
-        merit = metrics.summary(flight, plan.world.team, plan.controller.team)
+        one = experiment.make_experiment(settings, case)
+        flight = run_experiment(one)
+        merit = metrics.summary(flight, one.world.team, one.controller.team)
         found[case] = {name: merit[name] for name in FIGURES}
     print(json.dumps(found))
 
 
 def main() -> bool:
-    """Fly all; no figure of a seed and a case may spread by more than `LIMIT`."""
-    flown, worst = collect("rounding", items(), apart), 0.0
+    """Simulate all items; no metric of a seed and a case may vary by more than `LIMIT`."""
+    flown, worst = collect("rounding", items(), run_item), 0.0
     print("seed  case  figure           least     greatest   spread")
     for seed, case, name in product(SEEDS, CASES, FIGURES):
         values = np.array([found[case][name] for item, found in flown.items() if item.split()[0] == str(seed)])

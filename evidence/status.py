@@ -17,7 +17,7 @@ from pathlib import Path
 
 import evidence
 
-TOLD = 5  # changed files that are named
+MAX_NAMED_FILES = 5  # changed files that are named
 MARKER = re.compile(r"<!--\s*(evidence|table):\s*(.*?)\s*-->")
 BUILT = {"_build", "_generated"}  # folders of pages that are made
 
@@ -31,35 +31,35 @@ def pages(root: Path) -> Iterator[Path]:
 def quoted(text: str) -> set[str]:
     """Return the names of the results that a page quotes by its markers."""
     found: set[str] = set()
-    for kind, said in MARKER.findall(text):
-        found |= set(re.split(r"[\s,]+", said) if kind == "evidence" else said.partition(".")[0].split("+"))
+    for kind, names in MARKER.findall(text):
+        found |= set(re.split(r"[\s,]+", names) if kind == "evidence" else names.partition(".")[0].split("+"))
     return found
 
 
 def state(name: str) -> tuple[bool, str]:
-    """Return whether a result holds for today's code, and a line that states why or why not."""
+    """Return whether a result is up to date, and a line that states why or why not."""
     if not (evidence.RESULTS / f"{name}.json").exists():
         return False, "no result yet"
-    made, changed = evidence.stored(name), evidence.behind(name)
-    at = f"{made['date']} at {(made.get('commit') or 'no commit')[:10]}"
-    if replay := made.get("replayed"):
-        at += f", {evidence_of(replay)}"
+    record, changed = evidence.stored(name), evidence.changed_files(name)
+    at = f"{record['date']} at {(record.get('commit') or 'no commit')[:10]}"
+    if replay := record.get("replayed"):
+        at += f", {replay_text(replay)}"
     if not changed:
         return True, f"{at}: nothing changed since"
     changed.sort(key=lambda path: not path.startswith("evidence/"))
-    more = f" and {len(changed) - TOLD} more" * (len(changed) > TOLD)
-    return False, f"{at}: since then changed: {', '.join(changed[:TOLD])}{more}"
+    more = f" and {len(changed) - MAX_NAMED_FILES} more" * (len(changed) > MAX_NAMED_FILES)
+    return False, f"{at}: since then changed: {', '.join(changed[:MAX_NAMED_FILES])}{more}"
 
 
-def evidence_of(replay: dict) -> str:
-    """Return in words what a replay of one item showed."""
+def replay_text(replay: dict) -> str:
+    """Return a description of the recomputed item."""
     apart = f" to {replay['relative_difference']:.1e}" if replay.get("relative_difference") else ""
     shown = f"equal{apart}" if replay["equal"] else "different"
     return f"item {replay['item']!r} replayed {replay['date']}: {shown}"
 
 
 def main(arguments: list[str], names: list[str]) -> int:
-    """Print the state of each result, then each page that quotes one that does not hold.
+    """Print the state of each result, then each page that quotes an outdated one.
 
     Args:
         arguments: Names of results; all where empty.

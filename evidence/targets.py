@@ -1,4 +1,4 @@
-"""Targets of the evidence: what is measured, the limit, and whether it is met. Printed by proofs, shown by pages."""
+"""Targets of the evidence: metric, limit, and whether it is met. Evidence modules print them and pages show them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 
 class Target(NamedTuple):
-    """One target: `measured` is to be at most `most`, or at least `least` where `most` is None."""
+    """One target: `measured` must be at most `most`, or at least `least` if `most` is None."""
 
     what: str
     measured: float
@@ -18,7 +18,7 @@ class Target(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether the measured value keeps the limits that are stated."""
+        """Return whether the measured value is within the stated limits."""
         above = self.least is None or self.measured >= self.least
         return bool(above and (self.most is None or self.measured <= self.most))
 
@@ -28,7 +28,7 @@ class Target(NamedTuple):
 
     @property
     def limit(self) -> str:
-        """The limits in words."""
+        """Return the limits as text."""
         limits = (("at least", self.least), ("at most", self.most))
         unit = f" {self.unit}" * bool(self.unit)
         return ", ".join(f"{word} {value:g}{unit}" for word, value in limits if value is not None)

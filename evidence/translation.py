@@ -1,6 +1,6 @@
-"""The ultimate bounds of the translation against the disturbances that reach them, and against textbook constants.
+"""Tightness of the ultimate bounds of the translation: disturbances that attain them, and textbook constants.
 
-Random gains of every kind: under-, critically and over-damped, isotropic, diagonal, and with other axes for each.
+Random gains of every kind: under-, critically and over-damped; isotropic, diagonal, and with different axes.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from evidence import collect
 DRAWS = 40  # gains of each kind
 DAMPINGS = ("under", "critical", "over")
 MIXINGS = ("isotropic", "diagonal", "same axes", "other axes")
-TARGET = 1.01  # bound over what a disturbance reaches
+TARGET = 1.01  # largest ratio of bound and attained error
 
 
 def gains(seed: int, damping: str, mixing: str) -> tuple[Matrix, Matrix]:
-    """Symmetric positive definite `K_p`, `K_v` of one kind: natural frequencies 1.5 to 4 rad/s, damping 0.2 to 1.6."""
+    """Return symmetric positive definite `K_p`, `K_v` of one kind: natural frequencies 1.5 to 4 rad/s, damping 0.2
+    to 1.6.
+    """
     rng = np.random.default_rng(seed)
     w = np.full(3, rng.uniform(1.5, 4)) if mixing == "isotropic" else rng.uniform(1.5, 4, 3)
     zeta = {"under": rng.uniform(0.2, 0.9), "critical": 1.0, "over": rng.uniform(1.1, 1.6)}[damping]
@@ -50,7 +52,7 @@ def textbook(K_p: Matrix, K_v: Matrix) -> float:
 
 
 def compare(damping: str, mixing: str) -> dict[str, float]:
-    """The greatest bound over what is reached, and how many times looser textbook constants are for `|e_p|`."""
+    """Return the largest bound over attained error, and the ratio of textbook constants and the bound for `|e_p|`."""
     reached, looser = [], []
     for seed in range(DRAWS):
         K_p, K_v = gains(seed, damping, mixing)
@@ -67,7 +69,7 @@ def compare(damping: str, mixing: str) -> dict[str, float]:
 
 
 def main() -> bool:
-    """Every bound is at most TARGET times what a disturbance reaches, and textbook constants are looser."""
+    """Every bound must be at most TARGET times the attained error, and textbook constants must be larger."""
     cases = {f"{damping}, {mixing}": (damping, mixing) for damping in DAMPINGS for mixing in MIXINGS}
     table = collect("translation", cases, lambda item: compare(*cases[item]))
     for name in cases:

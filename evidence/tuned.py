@@ -1,6 +1,6 @@
-"""Teams from `new`, `check` and `tune` alone: gains of `new`, tuned, and by random search of as many loops and flights.
+"""Gains of `init`, gains of `tune`, and random search with equal numbers of linearizations and simulations.
 
-Flown as the scenario stands, and held out: another seed, the path flown a quarter faster.
+The scenarios are simulated unchanged and in held-out conditions: another seed, and the path 25 % faster.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ CASES = ("C1", "C2", "C3")
 SLOWEST = ("slowest_mode_1ps", "slowest_mode_delayed_1ps", "slowest_mode_true_parameters_1ps")
 
 
-def fly(item: str) -> dict[str, Any]:
-    """The loops of one team with each kind of gains, and the RMS errors of each case over the second half."""
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return the loops of one team with each kind of gains, and RMS errors of each case over the second half."""
     before, after, spent = gain_tuning.tune(as_new(scenario.load_scenario(item)))
     found = preflight.run_preflight(after.settings)
-    by_chance = chance(before, spent)
+    by_chance = random_search(before, spent)
     kinds = {"default_gains": before, "tuned_gains": after, "random_search": by_chance}
     return {
         "passed": found.passed,
@@ -35,8 +35,8 @@ def fly(item: str) -> dict[str, Any]:
             kind: {
                 "control": of.settings.control.model_dump(mode="json"),
                 **gain_tuning.summary_values(of),
-                "training": flown(of.settings),
-                "held_out": flown(held_out(of.settings)),
+                "training": simulate_cases(of.settings),
+                "held_out": simulate_cases(held_out(of.settings)),
             }
             for kind, of in kinds.items()
         },
@@ -44,14 +44,14 @@ def fly(item: str) -> dict[str, Any]:
 
 
 def as_new(settings: Scenario) -> Scenario:
-    """With the gains that `colift init` writes."""
+    """Return the scenario with the gains that `colift init` writes."""
     control = scenario.parse(template.scenario_template("new", 3, 1), "new.yaml").control
     gains = {name: getattr(control, name) for name in gain_tuning.tunable_gains(settings)}
     return settings.model_copy(update={"control": settings.control.model_copy(update=gains)})
 
 
-def chance(before: gain_tuning.LoopDesign, spent: gain_tuning.EvaluationBudget) -> gain_tuning.LoopDesign:
-    """The best of as many loops and flights, with gains drawn evenly, as logarithms, from where `tune` looks.
+def random_search(before: gain_tuning.LoopDesign, spent: gain_tuning.EvaluationBudget) -> gain_tuning.LoopDesign:
+    """Return the best of as many designs, with logarithmic uniform gains from the search range of `tune`.
 
     All loops are looked at, then the fastest are flown.
     """
@@ -71,55 +71,55 @@ def chance(before: gain_tuning.LoopDesign, spent: gain_tuning.EvaluationBudget) 
 
 
 def held_out(settings: Scenario) -> Scenario:
-    """Another seed, and the reference a quarter faster."""
+    """Return the scenario with another seed and a reference that is 25 % faster."""
     path = settings.reference
     faster = path.model_copy(update={"period_s": tuple(0.8 * period for period in path.period_s)})
     return settings.model_copy(update={"seed": settings.seed + 1000, "reference": faster})
 
 
-def flown(settings: Scenario) -> dict[str, dict[str, float] | str]:
-    """By case, RMS errors, or why it ended early."""
+def simulate_cases(settings: Scenario) -> dict[str, dict[str, float] | str]:
+    """Return RMS errors of each case, or the reason of an early end."""
     errors: dict[str, dict[str, float] | str] = {}
-    for case, plan in experiment.make_experiments(settings, CASES).items():
-        flight = run_experiment(plan)
-        summary = metrics.summary(flight, plan.world.team, plan.controller.team)
+    for case, one in experiment.make_experiments(settings, CASES).items():
+        flight = run_experiment(one)
+        summary = metrics.summary(flight, one.world.team, one.controller.team)
         errors[case] = flight.termination_reason or {
             name: summary[name] for name in ("e_p_rms_m", "e_R_rms", "Psi_mean")
         }
     return errors
 
 
-def falls(errors: dict[str, Any], name: str) -> bool:
-    """Whether an error falls from C1 to C3, all complete."""
+def decreases(errors: dict[str, Any], name: str) -> bool:
+    """Return whether an error decreases from C1 to C3 in complete flights."""
     if any(isinstance(errors[case], str) for case in CASES):
         return False
     return errors["C1"][name] > errors["C2"][name] > errors["C3"][name]
 
 
 def cost(of: dict[str, Any]) -> float:
-    """m s, what `tune` makes small: how far contacts are off over how fast the slowest mode decays."""
+    """Return the cost that `tune` minimizes [m s]: contact error over decay rate of the slowest mode."""
     slowest = max(of[name] for name in SLOWEST)
     return np.inf if isinstance(of["contact_displacement_C1_m"], str) else of["contact_displacement_C1_m"] / -slowest
 
 
 def main() -> bool:
     """Every team must pass the check, have the smallest cost with tuned gains, and keep the order of the cases."""
-    found, good = collect("tuned", TEAMS, fly), True
+    found, good = collect("tuned", TEAMS, simulate_item), True
     for item in TEAMS:
         of = found[item]
         costs = {kind: cost(of[kind]) for kind in ("default_gains", "tuned_gains", "random_search")}
         for kind, each in costs.items():
             slowest = max(of[kind][name] for name in SLOWEST)
-            said = ", ".join(
+            output = ", ".join(
                 f"{case} {e if isinstance(e, str) else format(1e3 * e['e_p_rms_m'], '.1f') + ' mm'}"
                 for where in ("training", "held_out")
                 for case, e in of[kind][where].items()
             )
-            order = all(falls(of[kind][where], "e_p_rms_m") for where in ("training", "held_out"))
-            print(f"{item:7} {kind:13} {slowest:+.2f} 1/s, {each:.3g} m s, {said}{'' if order else ': NOT in order'}")
+            order = all(decreases(of[kind][where], "e_p_rms_m") for where in ("training", "held_out"))
+            print(f"{item:7} {kind:13} {slowest:+.2f} 1/s, {each:.3g} m s, {output}{'' if order else ': NOT in order'}")
         print("\n".join(f"{'':7} {line}" for line in of["report"][-1:]))
         good &= of["passed"] and costs["tuned_gains"] < min(costs["default_gains"], costs["random_search"])
-        good &= all(falls(of["tuned_gains"][where], "e_p_rms_m") for where in ("training", "held_out"))
+        good &= all(decreases(of["tuned_gains"][where], "e_p_rms_m") for where in ("training", "held_out"))
     return good
 
 

@@ -18,28 +18,32 @@ from colift.certification.certificate import ERRORS
 from colift.scenario import Scenario
 from colift.workflows import falsification
 from evidence import collect
-from evidence.certified import noisy
+from evidence.certified import with_sensor_noise
 
-SEED, ROUNDS = 300, 3  # neither the scenario nor other proofs have this seed
+SEED, ROUNDS = 300, 3  # not used by the scenario or by other evidence modules
 NOISE = "paper"  # the scenario whose sensors one kind has, see `colift.workflows.falsification`
 TEAMS = ("trio", "uneven", "leader_block", "beam", "seven")
 
 
-def fly(item: str) -> list[dict[str, Any]]:
-    """The tries of an item: `worst_case K`, all residuals of a round; a kind of flight and K, `sensor_noise_filtered`
-    being `sensor_noise` with the filters that go with such noise; or a team and K."""
+def simulate_item(item: str) -> list[dict[str, Any]]:
+    """Return the trials of an item.
+
+    Items are `worst_case K`, all residuals of a round; a kind of flight and K, with `sensor_noise_filtered`
+    being `sensor_noise`
+    with filters for their noise; or a team and K.
+    """
     kind, k = item.rsplit(" ", 1)
     if kind == "worst_case":
-        return tries(_settings(), [f"{each}:{k}" for each in falsification.RESIDUAL_TRIALS])
+        return trial_values(_settings(), [f"{each}:{k}" for each in falsification.RESIDUAL_TRIALS])
     if kind in TEAMS:
-        return tries(team(kind), [f"seed:{k}"])
+        return trial_values(with_team_of(kind), [f"seed:{k}"])
     if kind == "sensor_noise_filtered":
-        return tries(noisy(_settings()), [f"sensor_noise:{k}"])
-    return tries(_settings(), [f"{kind}:{k}"])
+        return trial_values(with_sensor_noise(_settings()), [f"sensor_noise:{k}"])
+    return trial_values(_settings(), [f"{kind}:{k}"])
 
 
-def tries(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
-    """What is kept of each; ratios of flights that end early within finite radii are null."""
+def trial_values(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
+    """Return the stored values of trials; ratios of flights that end early within finite bounds are null."""
     out = []
     for one in falsification.falsify(settings, names):
         ratios = {error: ratio if math.isfinite(ratio) else None for error, ratio in one.observed_over_bound.items()}
@@ -47,8 +51,10 @@ def tries(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
     return out
 
 
-def team(name: str) -> Scenario:
-    """Another scenario's team, payload, gains, allocation and rate in the world of `certified`, with its filters."""
+def with_team_of(name: str) -> Scenario:
+    """Return another scenario's team, payload, gains, allocation and rate in the world of `certified`, with its
+    filters.
+    """
     base, other = _settings(), scenario.load_scenario(name)
     filters = {each: getattr(base.control, each) for each in ("complementary_filter_Hz", "joint_filter_Hz")}
     return base.model_copy(
@@ -62,7 +68,7 @@ def _settings() -> Scenario:
 
 
 def main() -> bool:
-    """Print the worst of each kind and why some have no radius: none may be broken, or be missing without a reason."""
+    """Print the worst trial of each kind and the reasons of missing bounds; no bound may be violated."""
     flights = [
         f"{kind} {k}" for k in range(ROUNDS) for kind in (*falsification.SCENARIO_TRIALS, "sensor_noise_filtered")
     ]
@@ -71,7 +77,7 @@ def main() -> bool:
         *(f"worst_case {k}" for k in range(ROUNDS)),
         *(f"{name} {k}" for k in range(2) for name in TEAMS),
     ]
-    found = collect("variants", items, fly)
+    found = collect("variants", items, simulate_item)
     of: dict[str, list[dict[str, Any]]] = {}
     for item in items:
         of.setdefault(item.rsplit(" ", 1)[0], []).extend(found[item])
@@ -80,12 +86,12 @@ def main() -> bool:
         held = [one for one in each if one["observed_over_bound"] and None not in one["observed_over_bound"].values()]
         ratios = [one["observed_over_bound"] for one in held]
         worst = {e: max((each[e] for each in ratios if e in each), default=None) for e in ERRORS}
-        said = ", ".join(f"{error} {ratio:.3f}" for error, ratio in worst.items() if ratio is not None)
+        output = ", ".join(f"{error} {ratio:.3f}" for error, ratio in worst.items() if ratio is not None)
         broken, left = (
             [one["name"] for one in each if one["violated"]],
             sum(one["num_components_outside"] for one in held),
         )
-        print(f"{kind:13} {len(held)} of {len(each)} have radii: {said}; broken {broken}; beyond spans {left} times")
+        print(f"{kind:13} {len(held)} of {len(each)} have radii: {output}; broken {broken}; beyond spans {left} times")
         holds &= not broken and all(one["message"] for one in each if one not in held)
         for why, many in Counter(one["message"] for one in each if one["message"]).items():
             print(f"    {many}: {why}")

@@ -1,7 +1,7 @@
-"""A team of unlike agents in Python, without a scenario file: the plant alone, stepped under constant inputs.
+"""Team of different agents in Python, without a scenario file: only the plant, under constant inputs.
 
-Two vehicles with a waist and two arms hold the payload at its ends, one with a single arm holds it in the middle.
-Thrust carries the weight and the joints are limp. Run it with `python examples/02_own_team.py`.
+Two vehicles with a waist and two arms hold the payload at its ends; one vehicle with a single arm holds it in the
+middle. Thrust carries the weight, and joint torques are zero. Run it with `python examples/02_own_team.py`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ ROD = np.diag([9e-4, 9e-4, 1e-5])  # kg m^2, an arm of 0.12 kg and 0.3 m
 
 
 def two_arms(contact: list[list[float]]) -> AerialManipulator:
-    """Joint k moves body k + 1; body 0 is the base. The waist turns about z, the arms on it about x."""
+    """Return a vehicle with a waist about z and two arms about x; joint k moves body k + 1, and body 0 is the base."""
     return AerialManipulator(
         tree=KinematicTree(parents=(0, 1, 1), prismatic=(False, False, False), tip_bodies=(2, 3)),
         mass=jnp.array([1.5, 0.1, 0.12, 0.12]),  # kg
@@ -37,7 +37,7 @@ def two_arms(contact: list[list[float]]) -> AerialManipulator:
 
 
 def one_arm(contact: list[float]) -> AerialManipulator:
-    """A boom that pitches and slides out."""
+    """Return a vehicle with a boom that has a pitch joint and a prismatic joint."""
     return AerialManipulator(
         tree=KinematicTree(parents=(0, 1), prismatic=(False, True), tip_bodies=(2,)),
         mass=jnp.array([1.0, 0.08, 0.05]),
@@ -53,7 +53,7 @@ def one_arm(contact: list[float]) -> AerialManipulator:
 
 
 def build() -> Team:
-    """Agents of one `Tree` are stacked in a group, whatever their numbers; a team is a tuple of groups."""
+    """Return the team: agents with equal `KinematicTree` are stacked in a group, and a team is a tuple of groups."""
     pair = parameters.stack_agents([two_arms([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in (-0.5, 0.5)])
     single = parameters.stack_agents([one_arm([0.0, 0.0, 0.1])])
     return Team(
@@ -64,7 +64,7 @@ def build() -> Team:
 
 
 def start(team: Team) -> State:
-    """A guess a centimetre off, taken onto the grasp; unphysical bodies and bad grasps are refused in words."""
+    """Return a consistent state on the grasp from a guess; unphysical bodies and singular grasps raise ValueError."""
     at_rest = lambda x, r: AgentState(  # noqa: E731
         R=jnp.array([np.eye(3)] * len(x)),
         x=jnp.array(x),
@@ -87,7 +87,7 @@ def start(team: Team) -> State:
 
 
 def inputs(team: Team) -> contact_dynamics.TeamInputs:
-    """Every agent carries its own weight and an equal share of the payload's."""
+    """Return thrusts that carry each agent's weight and an equal share of the payload's."""
     share = team.payload.mass / sum(team.sizes)
     return tuple(
         AgentInput(u=9.81 * (group.mass.sum(1) + share), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, group.tree.joints)))
@@ -97,13 +97,13 @@ def inputs(team: Team) -> contact_dynamics.TeamInputs:
 
 @jax.jit
 def step(team: Team, z: State) -> State:
-    """One step of order 4, then the nearest state on the grasp. `team` is an argument: new numbers do not recompile."""
+    """Return the state after one fourth-order step and the projection; new values of `team` need no compilation."""
     free = contact_dynamics.rkmk4_step(team, z, inputs(team), lambda _z, _t: state.zero_residual(team), jnp.array(STEP))
     return contact_dynamics.project_to_constraints(team, free)
 
 
 def main() -> None:
-    """Print the contact forces on the payload, N, world frame, every 50 ms."""
+    """Print the contact forces on the payload [N, world frame] every 50 ms."""
     team = build()
     z, labels = start(team), grasp.contact_names(team, NAMES)
     print("t [s]   " + "".join(f"{label:>24}" for label in labels))

@@ -31,7 +31,7 @@ PLATE = Path(__file__).with_name("plate.yaml")
 
 @pytree
 class AccelerationLimit:
-    """A payload controller that limits the acceleration command of another one: `a = a_0 min(1, limit / |a_0|)`."""
+    """Payload controller that limits the acceleration command of another one: `a = a_0 min(1, limit / |a_0|)`."""
 
     base: interfaces.PayloadController
     limit: Scalar  # m/s^2
@@ -89,7 +89,7 @@ class PositionIntegral:
 
 @pytree
 class MeanPosition(sensors.SensorModel):
-    """A positioning system that averages the last readings of the payload position: less noise, more delay."""
+    """Positioning system that averages the last readings of the payload position: less noise, more delay."""
 
     readings: int = static(default=4)
 

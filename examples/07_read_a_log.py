@@ -26,11 +26,13 @@ def main() -> None:
         ds = log.load(Path(folder) / "C3.nc")
     print(f"{ds.attrs['scenario']}, {ds.attrs['case']}: {len(ds.data_vars)} signals, {ds.sizes['time']} ticks")
     late = ds.sel(time=slice(1.5, None))
-    off = np.sqrt((late.e_p**2).sum("axis")).mean()
-    print(f"{ds.e_p.attrs['long_name']}, {ds.e_p.attrs['frame']} frame: {1e3 * float(off):.1f} mm, mean from 1.5 s on")
+    distance = np.sqrt((late.e_p**2).sum("axis")).mean()
+    print(
+        f"{ds.e_p.attrs['long_name']}, {ds.e_p.attrs['frame']} frame: mean {1e3 * float(distance):.1f} mm after 1.5 s"
+    )
     for contact in ds.contact.values:
-        carried = late.lam.sel(contact=contact, axis="z").mean()
-        print(f"{contact} carries {float(carried):.2f} {ds.lam.attrs['units']} of the payload's weight")
+        share = late.lam.sel(contact=contact, axis="z").mean()
+        print(f"{contact} supports {float(share):.2f} {ds.lam.attrs['units']} of the payload's weight")
     before, after = (float(ds.sigma_L_force.sel(time_sigma=t, method="nearest")) for t in (0.5, 1.5))
     print(f"sigma_L, force: {before:.2f} {ds.sigma_L_force.attrs['units']} before the update, {after:.2f} after it")
 

@@ -1,7 +1,7 @@
-"""Bounds of one flight's errors: fly a scenario in which every assumption holds, and set the radii beside the errors.
+"""Error bounds of one flight in a scenario in which every assumption holds, compared with the observed errors.
 
-`colift certify certified` prints the same and more. Run it with `python examples/08_certify_a_flight.py`; it takes a
-minute or two.
+`colift certify certified` prints the same and more. Run it with `python examples/08_certify_a_flight.py`; it takes one
+to two minutes.
 """
 
 from __future__ import annotations
@@ -11,17 +11,18 @@ from colift.workflows import certification
 
 
 def main() -> None:
-    """Print the radius of every error of the flown path, what was observed, and what the radii rest on."""
-    made = certification.certify(colift.load_scenario("certified"), names=("energy", "recovery"))
-    found = made.certificate
-    first, last = found.window
-    for bound, radii in found.ultimate_bounds.items():
-        for error, radius in radii.a_posteriori.items():
-            seen = found.observed[error]
-            print(f"{bound:>8}, {error:>7}: at most {radius:.3g}, observed {seen:.3g} from {first:.0f} to {last:.0f} s")
-        print(f"{'':>8}  assumed: {', '.join(radii.assumptions)}")
-    if found.violations:
-        raise SystemExit(f"above their radius: {', '.join(sorted({each.error for each in found.violations}))}")
+    """Print the bound of every error, the observed error, and the assumptions of the bounds."""
+    result = certification.certify(colift.load_scenario("certified"), names=("energy", "recovery"))
+    certificate = result.certificate
+    start, end = certificate.window
+    print(f"errors observed from {start:.0f} to {end:.0f} s")
+    for method, bounds in certificate.ultimate_bounds.items():
+        for error, bound in bounds.a_posteriori.items():
+            observed = certificate.observed[error]
+            print(f"{method:>8}, {error:>7}: at most {bound:.3g}, observed {observed:.3g}")
+        print(f"{'':>8}  assumed: {', '.join(bounds.assumptions)}")
+    if certificate.violations:
+        raise SystemExit(f"above their bound: {', '.join(sorted({each.error for each in certificate.violations}))}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Many flights at once: the loop is a function of PyTrees, so a batch of them is `jax.vmap`, in native code as one is.
+"""Batch of flights: the loop is a function of PyTrees, so `jax.vmap` simulates a batch, also in native code.
 
-Eight flights of three vehicles with a plate, under none to twice the unknown forces. Run it with
-`python examples/10_batch_of_flights.py`. Many seeds one after another are in docs/campaigns.md.
+Eight flights of three vehicles with a plate have residual forces scaled by zero to two. Run it with `python
+examples/10_batch_of_flights.py`. Series of seeds are described in docs/campaigns.md.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ FLIGHTS, TICKS = 8, 1000
 
 
 def main() -> None:
-    """Fly the batch for two seconds, and print where each payload is."""
-    plan = colift.make_experiment(colift.load_scenario(PLATE), "C1")
-    setup, noise = plan.loop_config, plan.world.sample_noise(jax.random.key(0), TICKS)
-    begun = simulator.reset(setup, plan.initial_state)
+    """Simulate the batch for two seconds, and print the payload positions."""
+    experiment = colift.make_experiment(colift.load_scenario(PLATE), "C1")
+    setup, noise = experiment.loop_config, experiment.world.sample_noise(jax.random.key(0), TICKS)
+    initial = simulator.reset(setup, experiment.initial_state)
 
-    def fly(
-        setup: simulator.LoopConfig, begun: simulator.LoopState, noise: Any, share: jax.Array
+    def simulate(
+        setup: simulator.LoopConfig, initial: simulator.LoopState, noise: Any, share: jax.Array
     ) -> signals.StepRecord:
-        """One flight under that share of all unknown forces."""
-        blown = dataclasses.replace(setup, world=dataclasses.replace(setup.world, disturbance_scale=share))
-        return jax.lax.scan(lambda loop, drawn: simulator.step(blown, loop, drawn), begun, noise)[1]
+        """Simulate one flight with scaled residual forces."""
+        scaled = dataclasses.replace(setup, world=dataclasses.replace(setup.world, disturbance_scale=share))
+        return jax.lax.scan(lambda loop, drawn: simulator.step(scaled, loop, drawn), initial, noise)[1]
 
     shares = jnp.linspace(0.0, 2.0, FLIGHTS)
-    rows = jax.jit(jax.vmap(codegen.compile(fly), in_axes=(None, None, None, 0)))(setup, begun, noise, shares)
+    rows = jax.jit(jax.vmap(codegen.compile(simulate), in_axes=(None, None, None, 0)))(setup, initial, noise, shares)
     for share, p, p_d in zip(shares, rows.p[:, -1], rows.p_d[:, -1], strict=True):
-        off = 1000 * np.linalg.norm(p - p_d)
-        print(f"{share:4.0%} of the unknown forces: {off:6.1f} mm off after {float(rows.t[0, -1]):.2f} s")
+        distance = 1000 * np.linalg.norm(p - p_d)
+        print(f"{share:4.0%} of the disturbances: position error {distance:6.1f} mm after {float(rows.t[0, -1]):.2f} s")
 
 
 if __name__ == "__main__":

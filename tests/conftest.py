@@ -1,4 +1,4 @@
-"""Strict by default: float64, no implicit promotion of dtype or rank, shapes and types checked at run time."""
+"""Strict test configuration: float64, no implicit promotion of dtype or rank, run-time checks of shapes and types."""
 
 import ctypes
 import dataclasses
@@ -20,14 +20,14 @@ from jaxtyping import install_import_hook
 from xdist.scheduler import LoadFileScheduling
 
 os.environ.setdefault("MPLBACKEND", "Agg")
-gc.set_threshold(200_000, 100, 100)  # traces are many objects, nearly all of which stay
+gc.set_threshold(200_000, 100, 100)  # traces are many objects, most of which are kept
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def register_dataclass(cls: type) -> type:
-    """As JAX's, but a value that JAX rebuilds is not built by `__init__`, where the hook below checks its fields.
+    """Register a dataclass with JAX such that `unflatten` bypasses `__init__` and its run-time checks.
 
     JAX puts axes, shapes and None where arrays were, and adds axes to them; a person's values are still checked.
     """
@@ -51,13 +51,13 @@ def register_dataclass(cls: type) -> type:
 
 jax.tree_util.register_dataclass = register_dataclass
 
-# Before any test module imports colift: every annotated function of it is then checked by beartype. But not where C is
-# written: a million calls a flight, with no array whose shape could be wrong, took twenty times as long.
+# Before any test module imports colift, beartype is installed for all its annotated functions, except in codegen:
+# a million calls per flight, none of them with arrays, took twenty times as long.
 PACKAGE = Path(next(iter(importlib.util.find_spec("colift").submodule_search_locations)))
 MODULES = [f"colift.{module.name}" for module in pkgutil.iter_modules([str(PACKAGE)]) if module.name != "codegen"]
 install_import_hook(MODULES, "beartype.beartype")
 
-# Compilation makes first examples slow, so no deadline; the same examples in every run, so that a failure is one.
+# Compilation makes first examples slow, so there is no deadline; the examples are equal in every run.
 hypothesis.settings.register_profile("colift", deadline=None, derandomize=True, database=None, print_blob=True)
 hypothesis.settings.load_profile("colift")
 
@@ -72,10 +72,8 @@ TEAMS = {  # files that share the compiled programs of one team run in one worke
 }
 
 
-class TogetherScheduling(LoadFileScheduling):
-    """One worker is given a whole file, or all files that fly one team. (`loadgroup` of xdist 3.8 splits them, under
-    pytest 9.)
-    """
+class TeamScheduling(LoadFileScheduling):
+    """Scheduler that gives one worker a whole file, or all files that simulate the same team."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
@@ -85,13 +83,13 @@ class TogetherScheduling(LoadFileScheduling):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadFileScheduling | None:
-    """In the place of xdist's own under `--dist loadfile`."""
-    return TogetherScheduling(config, log) if config.getoption("dist") == "loadfile" else None
+    """Replace the scheduler of xdist under `--dist loadfile`."""
+    return TeamScheduling(config, log) if config.getoption("dist") == "loadfile" else None
 
 
 @pytest.fixture(scope="module")
 def cases() -> Any:
-    """Made-up flights of all cases, for figures."""
+    """Generated flights of all cases, for figures."""
     from tests.support import study_logs as made_up
 
     return made_up.cases()
@@ -99,7 +97,7 @@ def cases() -> Any:
 
 @pytest.fixture
 def style() -> Iterator[None]:
-    """What `figures` sets around each of them."""
+    """Matplotlib style of the library's figures."""
     import matplotlib as mpl
 
     from colift.visualization.style import STYLE
@@ -113,8 +111,8 @@ AS_SHIPPED = ("codegen", "build", "integers", "loops", "shipped_scenarios")
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _compiled_quickly(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Elsewhere neither gcc nor XLA optimizes: the same numbers to rounding, sooner."""
+def _quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Disable optimization by gcc and XLA in test files other than `AS_SHIPPED`; numbers agree to rounding."""
     from colift.codegen import build
 
     levels = build.OPTIMIZED_FLAGS, build.QUICK_FLAGS
@@ -153,13 +151,13 @@ def _native_code_exists(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _forget_a_test() -> Iterator[None]:
-    """A worker that has grown forgets the programs of the tests behind it; what stays even so does not count."""
+def _limit_memory() -> Iterator[None]:
+    """Clear compiled programs after a test if the worker has exceeded its memory limit."""
     yield
-    _forget_beyond(max(FULL_GB, LEFT_GB[-1] + FULL_GB / 2))
+    _clear_caches_above(max(FULL_GB, LEFT_GB[-1] + FULL_GB / 2))
 
 
-def _forget_beyond(gigabytes: float) -> None:
+def _clear_caches_above(gigabytes: float) -> None:
     if _resident_GB() > gigabytes:
         jax.clear_caches()
         for name, kept in (("colift.closed_loop.simulator", "_compiled"), ("colift.codegen", "_target")):
@@ -174,14 +172,14 @@ def _forget_beyond(gigabytes: float) -> None:
 def _resident_GB() -> float:
     try:
         return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**30
-    except OSError:  # no Linux: the most it ever was, which counts bytes on macOS
+    except OSError:  # not Linux: the peak value, in bytes on macOS
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**30
 
 
 LIBC = ctypes.CDLL(None)
 MEMORY_GB = os.sysconf("SC_PHYS_PAGES") * resource.getpagesize() / 2**30
-LEFT_GB = [0.0]  # after each forgetting
-# The largest test adds 1.2 where nothing is compiled yet; what is forgotten is traced anew: as late as memory allows.
+LEFT_GB = [0.0]  # after each clearing of caches
+# The largest test adds 1.2 GB. Cleared programs are traced again, so they are cleared as late as memory allows.
 FULL_GB = max(1.2, min(4.0, MEMORY_GB / 6))
 if hasattr(LIBC, "mallopt"):
-    LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps, so that what one frees another can use
+    LIBC.mallopt(-8, 2)  # M_ARENA_MAX: threads share two heaps and reuse freed memory

@@ -58,7 +58,7 @@ def table(results: str) -> Callable[[Table], Table]:
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
-    """Return a Markdown table; numbers get three significant digits, columns after the first are centred."""
+    """Return a Markdown table; numbers get three significant digits, columns after the first are centered."""
     lines = [header, ["---", *[":---:"] * (len(header) - 1)]]
     lines += [[text(cell) for cell in row] for row in rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
@@ -89,7 +89,7 @@ def number(x: float, digits: int = 3) -> str:
 
 
 def spread(values: Sequence[float], scale: float = 1.0) -> str:
-    """Return median and range of values; one alone is itself, and flights that ended early are counted."""
+    """Return median and range of values; a single value is returned alone, and flights that ended early are counted."""
     x = scale * np.array(values, dtype=float)
     if not np.isfinite(x).all():
         return f"{(~np.isfinite(x)).sum()} of {len(x)} ended early"
@@ -141,7 +141,7 @@ def targets(asked: Iterable[Any]) -> str:
 
 
 def provenance(name: str) -> tuple[str, ...]:
-    """Return how a result was made: command, date, commit, machine, and the replay by which it was stamped."""
+    """Return how a result was computed: command, date, commit, machine, and the recomputed item of its stamp."""
     made = record(name)
     origin = made.get("computed", made)
     replay = made.get("replayed")

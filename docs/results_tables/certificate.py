@@ -1,4 +1,4 @@
-"""Tables of error bounds: certificates, rival methods, GP bounds, ultimate bounds."""
+"""Tables of error bounds: certificates, baseline methods, GP bounds, ultimate bounds."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ HEADS = tuple(f"{name} `{error}`" for error, name in ERRORS.items())
 
 
 def _array(runs: list[dict[str, Any]], *keys: str) -> np.ndarray:
-    """One number of each run, found by its keys."""
+    """Return one number of each run by its keys."""
     for key in keys:
         runs = [each[key] for each in runs]
     return np.array(runs, dtype=float)
 
 
 def _runs(kind: str = "") -> list[dict[str, Any]]:
-    """Certified runs: without a word the draws, else `adversarial_test` or `noise`."""
+    """Return certified runs: the draws, or those of the kind `adversarial_test` or `noise`."""
     return [one for item, one in items("certified").items() if item.partition(" ")[2] == kind]
 
 
@@ -59,7 +59,7 @@ def _two(x: np.ndarray) -> tuple[float, float]:
 
 @table("certified")
 def nominal_share() -> str:
-    """The share of the observed error that the nominal trajectory has itself, without any unknown force."""
+    """Return the share of the observed error that the nominal trajectory has without residuals."""
     runs = _runs()
     rows = []
     for error in ERRORS:
@@ -183,7 +183,7 @@ def _cost(each: list[dict[str, Any]], kind: str) -> float:
 
 @table("coverage")
 def failure_rates() -> str:
-    """Failure rates of GP error bounds where they claim to hold, and of controls where they do not."""
+    """Return failure rates of GP error bounds where their assumptions hold, and of controls where they do not."""
     summary = items("coverage")["summary"]
     grouped: dict[tuple[str, bool], list[dict[str, Any]]] = {}
     for case, row in summary["table"].items():
@@ -221,7 +221,7 @@ def failure_rates() -> str:
 
 @table("rotation")
 def attitude_bound() -> str:
-    """The attitude bound over the worst error found, by size of the disturbance."""
+    """Return the attitude bound over the worst error found, by magnitude of the disturbance."""
     found, asked = items("rotation"), limits("rotation")
     sizes: dict[float, list[dict[str, float]]] = {}
     for item, one in found.items():
@@ -240,7 +240,7 @@ def attitude_bound() -> str:
 
 @table("translation")
 def translation_bound() -> str:
-    """The translation bound over the error that a disturbance reaches, by kind of gains."""
+    """Return the translation bound over the attained error, by kind of gains."""
     asked, draws = limits("translation")["TARGET"], limits("translation")["DRAWS"]
     rows = []
     for kind, one in items("translation").items():

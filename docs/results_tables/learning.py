@@ -149,7 +149,7 @@ def changes_targets() -> str:
 
 @table("react")
 def random_errors() -> str:
-    """RMS position error after the changes over all samples in which no compared flight ended early."""
+    """Return the RMS position error after the changes over all samples in which all compared flights are complete."""
     found = list(items("react").values())
     rows = []
     for case in ("C3", "label_feedback", "label_feedback tuned_lead", "adaptive", "true_residual"):
@@ -182,7 +182,7 @@ OTHER_LAW = ("wind", "payload")  # conditions in which the residual is another f
 
 
 def _generalized() -> dict[str, dict[str, np.ndarray]]:
-    """Position errors by condition and model, m, one number a seed."""
+    """Return position errors [m] by condition and model, one value per seed."""
     found: dict[str, dict[str, list[float]]] = {}
     for item, one in items("generalization").items():
         model, condition, _ = item.split(": ")
@@ -212,7 +212,7 @@ def ratios() -> str:
 
 @table("generalization")
 def generalization_target() -> str:
-    """The target: one frozen model within twice `true_residual` where the residual is the same function."""
+    """Return the target: one frozen model with at most twice the error of `true_residual` in unchanged environments."""
     found = _generalized()
     models = [model for model in limits("generalization")["MODELS"] if model in found["home"]]
     worst = {
@@ -235,13 +235,13 @@ def generalization_target() -> str:
 
 
 def _evaluations() -> list[list[dict[str, Any]]]:
-    """Evaluations of every learner, one list a seed."""
+    """Return evaluations of every learner, one list per seed."""
     return [items("curve")[seed] for seed in limits("curve")["SEEDS"]]
 
 
 @table("curve")
 def learning_curve() -> str:
-    """Position error and return of PPO while it learns, beside the cases."""
+    """Return position error and return of PPO during training, with those of the cases."""
     rows: list[tuple[Any, ...]] = []
     for case in ("C1", "integral", "C3"):
         one = items("curve")[case]
@@ -277,7 +277,7 @@ def learning_curve() -> str:
 
 @table("curve")
 def learning_target() -> str:
-    """The target: every learner ends below the error without action and loses no flight."""
+    """Return the target: every learner ends below the error without action and without a terminated flight."""
     none = float(min(_mm(items("curve")["C1"]["e_p_rms_m"])))
     last = [curve[-1] for curve in _evaluations()]
     worst, lost = (

@@ -19,7 +19,7 @@ def _median(case: str) -> float:
 
 
 def _seeds(name: str) -> str:
-    """The number of items whose names begin with a seed, and their range."""
+    """Return the number of items whose names begin with a seed, and the range of the seeds."""
     seeds = sorted({int(word) for item in items(name) for word in item.split()[:1] if word.isdigit()})
     return f"{len(seeds)}, seeds {seeds[0]} to {seeds[-1]}"
 
@@ -145,7 +145,7 @@ ALL = (
 
 @table("+".join(ALL))
 def claims() -> str:
-    """One row a claim: metric, value, n, seeds, command, page."""
+    """Return one row per claim: metric, value, n, seeds, command, page."""
     rows = [
         (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page}]({page}.md)")
         for result, page, claim, metric, value, n in _claims()

@@ -66,7 +66,7 @@ def tuned_gains() -> str:
 
 
 def _errors(flown: dict[str, Any]) -> tuple[str, bool]:
-    """Position errors of C1 to C3, mm, and whether they fall."""
+    """Return position errors of C1 to C3 [mm], and whether they decrease."""
     e = [np.inf if isinstance(one, str) else 1e3 * one["e_p_rms_m"] for one in flown.values()]
     return ", ".join("ended early" if np.isinf(x) else number(x) for x in e), bool(
         np.isfinite(e).all() and e[0] > e[1] > e[2]
@@ -75,7 +75,7 @@ def _errors(flown: dict[str, Any]) -> tuple[str, bool]:
 
 @table("redundant")
 def redundant_joints() -> str:
-    """Teams with redundant joints or two arms an agent: position error of each case."""
+    """Return position errors of each case for teams with redundant joints or two arms per agent."""
     cases = ("C1", "C2", "C3", "adaptive")
     rows = []
     for item, one in items("redundant").items():

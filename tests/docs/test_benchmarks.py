@@ -1,4 +1,4 @@
-"""The runner of the benchmarks: what it lists, what it refuses, what it writes."""
+"""Tests of the benchmark runner: list, refusals and result files."""
 
 import json
 
@@ -9,7 +9,7 @@ import pytest
 from benchmarks import NAMES, Outcome, __main__, cold_start, floor, gpu
 
 
-def test_the_runner_lists_every_benchmark_with_its_sentence(capsys):
+def test_list_has_every_benchmark_with_its_summary(capsys):
     assert __main__.main(["--list"]) == 0
     listed = capsys.readouterr().out
     for name in NAMES:
@@ -17,21 +17,21 @@ def test_the_runner_lists_every_benchmark_with_its_sentence(capsys):
         assert len(__main__.title(name)) > 20
 
 
-def test_every_module_with_a_run_is_a_benchmark():
+def test_every_module_with_run_function_is_listed():
     modules = {p.stem for p in __main__.HERE.glob("*.py") if "def run(seconds: float) -> Outcome" in p.read_text()}
     assert modules == set(NAMES)
 
 
-def test_an_unknown_name_is_refused_with_those_there_are(capsys, tmp_path):
+def test_unknown_benchmark_is_refused_with_known_names(capsys, tmp_path):
     assert __main__.main(["warp", "--results", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert "no benchmark warp" in said
-    assert "one_team" in said
+    output = capsys.readouterr().err
+    assert "no benchmark warp" in output
+    assert "one_team" in output
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(jax.default_backend() == "gpu", reason="measures for real where there is a GPU")
-def test_without_a_gpu_its_benchmark_says_so_and_writes_its_file(capsys, tmp_path):
+def test_gpu_benchmark_without_gpu_writes_its_result(capsys, tmp_path):
     assert __main__.main(["gpu", "--results", str(tmp_path)]) == 0
     assert "no GPU was found" in capsys.readouterr().out
     (path,) = tmp_path.iterdir()  # and no temporary file beside it
@@ -43,26 +43,26 @@ def test_without_a_gpu_its_benchmark_says_so_and_writes_its_file(capsys, tmp_pat
     assert written["versions"]["jax"] == jax.__version__
 
 
-def test_a_missed_target_is_printed_and_is_the_status(capsys, monkeypatch, tmp_path):
+def test_missed_target_is_printed_and_sets_exit_status(capsys, monkeypatch, tmp_path):
     found = Outcome({"took": 2.0}, {"took 2 s, under 1 s": False, "took 2 s, under 3 s": True})
     monkeypatch.setattr(cold_start, "run", lambda seconds: found)
     assert __main__.main(["cold_start", "--results", str(tmp_path)]) == 1
-    said = capsys.readouterr().out
-    assert "MISSED took 2 s, under 1 s" in said
-    assert "met    took 2 s, under 3 s" in said
-    assert "1 targets missed" in said
+    output = capsys.readouterr().out
+    assert "MISSED took 2 s, under 1 s" in output
+    assert "met    took 2 s, under 3 s" in output
+    assert "1 targets missed" in output
     assert json.loads((tmp_path / "cold_start.json").read_text())["targets"] == found.targets
 
 
 @pytest.mark.long
-def test_what_runs_on_a_gpu_runs_here_unchanged():
+def test_gpu_program_runs_on_cpu():
     found = gpu.measure(jax.devices()[0], (1, 2), steps=2, seconds=0.0)
     assert set(found) == {"1", "2"}
     assert all(rate > 0 for rate in found.values())
 
 
-def test_operations_are_counted_through_loops_and_only():
-    """Operations are counted through loops and only where needed."""
+def test_operation_count_includes_loops():
+    """Operations in loop bodies count once per iteration, and unused operations do not count."""
 
     def f(x):
         unused = jnp.sqrt(x)

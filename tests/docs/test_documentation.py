@@ -1,8 +1,7 @@
-"""Every block of code in the documentation runs, or is what the command line and a scenario take; every example runs.
+"""Tests that execute the code blocks of the documentation and the examples.
 
-A page begins in a folder of its own that holds the tutorial's `my_team.yaml`; its blocks run in the page's order and
-share names. A command that flies is parsed, with its options, and its scenario and settings are read; what follows from
-a flight is shown by the tests of the modules.
+A page starts in a folder with the tutorial's `my_team.yaml`; its blocks run in order and share names. Commands that
+would simulate are only parse_command, and their scenario is read.
 """
 
 from __future__ import annotations
@@ -31,10 +30,10 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").r
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 COLIFT = typer.main.get_command(app.app)
-RUN = {("init",), ("list",), ("print-config",), ("export", "mjcf")}  # what answers in a second or two
-ELSEWHERE = {  # examples that another module runs, which has the flight or the oracle for them
+RUN = {("init",), ("list",), ("print-config",), ("export", "mjcf")}  # commands that take a second or two
+ELSEWHERE = {  # examples that another module runs with a shared flight
     "02_own_team": "test_examples.py",
-    "08_certify_a_flight": "test_certify_certificate.py",
+    "08_certify_a_flight": "test_certification.py",
 }
 VEHICLE = """<robot name="vehicle">
 <link name="base"><inertial><mass value="1.5"/><inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/>
@@ -48,7 +47,7 @@ ARM = """<link name="{side}_forearm"><inertial><origin xyz="0 0 -0.15"/><mass va
 
 
 class Block(NamedTuple):
-    """A block of code of a page."""
+    """Code block of a page."""
 
     line: int
     language: str
@@ -56,7 +55,7 @@ class Block(NamedTuple):
 
 
 def blocks(page: Path) -> Iterator[Block]:
-    """Fenced blocks but directives, and indented ones, which are the shell's."""
+    """Yield fenced blocks other than directives, and indented blocks, which contain shell commands."""
     text = page.read_text(encoding="utf-8")
     fenced = r"^```(?P<language>[^\n]*)\n(?P<fenced>.*?)^```$"
     indented = r"(?<=\n\n)(?P<indented>(?:    \S[^\n]*\n)+)"
@@ -68,11 +67,11 @@ def blocks(page: Path) -> Iterator[Block]:
             yield Block(line, found["language"], found["fenced"])
 
 
-# The shell ------------------------------------------------------------------------------------------------------------
+# Shell commands -------------------------------------------------------------------------------------------------------
 
 
 def commands(text: str) -> Iterator[list[str]]:
-    """The words of every command of a block, a loop's too."""
+    """Yield the words of every shell command of a block, including the body of a loop."""
     for line in text.replace("\\\n", " ").splitlines():
         words = shlex.split(line.replace("$seed", "1"), comments=True)
         if words and words[0] == "for":
@@ -83,8 +82,8 @@ def commands(text: str) -> Iterator[list[str]]:
             words = words[end + 1 :]
 
 
-def parsed(words: list[str]) -> tuple[tuple[str, ...], dict[str, Any]]:
-    """The command that words are of, and its parameters; raises KeyError or typer's error for what it does not take."""
+def parse_command(words: list[str]) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Return the path of a colift command and its parameters; a wrong command raises KeyError or an error of typer."""
     command, path = COLIFT, ()
     while hasattr(command, "commands"):
         name, *words = words
@@ -93,7 +92,7 @@ def parsed(words: list[str]) -> tuple[tuple[str, ...], dict[str, Any]]:
 
 
 def run(words: list[str], folder: Path) -> None:
-    """One command: run where it answers at once, else held to what there is."""
+    """Run a fast command; for other commands check only that they and their arguments exist."""
     first, rest = words[0], words[1:]
     if first == "./dev" and rest[0] == "study":
         words = ["colift", "study", "paper", *rest[1:]]
@@ -112,24 +111,24 @@ def run(words: list[str], folder: Path) -> None:
         assert (ROOT / rest[0]).exists()
         return
     elif first != "colift":
-        assert first in ("cmake", "build/replay", "cd", "npm", "done"), f"not known here: {shlex.join(words)}"
+        assert first in ("cmake", "build/replay", "cd", "npm", "done"), f"unknown command: {shlex.join(words)}"
         return
-    path, given = parsed(words[1:])
+    path, parameters = parse_command(words[1:])
     if path in RUN:
         if path == ("init",):
-            Path(given["file"]).unlink(missing_ok=True)
+            Path(parameters["file"]).unlink(missing_ok=True)
         done = CliRunner().invoke(app.app, words[1:])
         assert done.exit_code == 0, done.output
-    elif "name" in given:
-        scenario.load_scenario(given["name"], given.get("overrides") or ())
+    elif "name" in parameters:
+        scenario.load_scenario(parameters["name"], parameters.get("overrides") or ())
 
 
-# A page ---------------------------------------------------------------------------------------------------------------
+# Pages ----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """What a page begins with."""
+    """Working folder of a page."""
     (tmp_path / "my_team.yaml").write_text(template.scenario_template("my_team", 3, 0))
     arms = "".join(ARM.format(side=side, y=y) for side, y in (("left", 0.08), ("right", -0.08)))
     (tmp_path / "vehicles").mkdir()
@@ -145,7 +144,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def merged(text: str) -> dict[str, Any]:
-    """The tutorial's scenario with a fragment in it."""
+    """Return the tutorial's scenario updated with a fragment of YAML."""
     yaml = YAML(typ="safe")
     whole = yaml.load(Path("my_team.yaml").read_text())
     for key, value in yaml.load(text).items():
@@ -176,7 +175,7 @@ WITH_CODE = {str(page.relative_to(ROOT)): found for page in PAGES if (found := l
 
 
 @pytest.mark.parametrize("name", WITH_CODE)
-def test_the_code_of_a_page_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_of_page_runs(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("webbrowser.open", lambda _url: True)
     names: dict[str, Any] = {"__name__": name}
     for block in WITH_CODE[name]:
@@ -187,7 +186,7 @@ def test_the_code_of_a_page_runs(name: str, folder: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize(
-    ("language", "text", "told"),
+    ("language", "text", "message"),
     [
         ("sh", "./dev colift study my_team.yaml --sed 1\n", "No such option"),
         ("sh", "./dev colift study nobody.yaml\n", "nobody.yaml"),
@@ -195,7 +194,7 @@ def test_the_code_of_a_page_runs(name: str, folder: Path, monkeypatch: pytest.Mo
         ("sh", "./dev colift fly paper\n", "fly"),
         ("sh", "./dev evidence nothing\n", "nothing"),
         ("sh", "./dev fly\n", "fly"),
-        ("sh", "rm -r out\n", "not known here: rm -r out"),
+        ("sh", "rm -r out\n", "unknown command: rm -r out"),
         ("sh", "pip install 'colift[nothing]'\n", "nothing"),
         ("yaml", "payload: {mass: 2}\n", "payload.mass"),
         ("python", "import colift\ncolift.take_off()\n", "take_off"),
@@ -203,43 +202,43 @@ def test_the_code_of_a_page_runs(name: str, folder: Path, monkeypatch: pytest.Mo
     ],
     ids=["option", "scenario", "setting", "command", "proof", "dev", "program", "extra", "yaml", "python", "language"],
 )
-def test_code_that_would_not_run_is_found(language: str, text: str, told: str, folder: Path) -> None:
-    with pytest.raises(Exception, match=re.escape(told)):
+def test_invalid_code_blocks_are_detected(language: str, text: str, message: str, folder: Path) -> None:
+    with pytest.raises(Exception, match=re.escape(message)):
         do(Block(1, language, text), ROOT / "README.md", folder, {})
 
 
 # Examples -------------------------------------------------------------------------------------------------------------
 
 
-def test_examples_are_numbered_from_01_to_10_and_say_what_they() -> None:
-    """Examples are numbered from 01 to 10 and say what they show and how they are run."""
+def test_examples_are_numbered_and_documented() -> None:
+    """Examples are numbered from 01 to 10, and their docstrings state purpose and command."""
     assert [path.stem[:3] for path in EXAMPLES] == [f"{k:02}_" for k in range(1, 11)]
     for path in EXAMPLES:
-        said = path.read_text(encoding="utf-8").split('"""')[1]
-        assert f"python examples/{path.name}`" in said, path.name
+        output = path.read_text(encoding="utf-8").split('"""')[1]
+        assert f"python examples/{path.name}`" in output, path.name
 
 
 @pytest.mark.parametrize("path", [path for path in EXAMPLES if path.stem not in ELSEWHERE], ids=lambda path: path.stem)
-def test_an_example_runs(path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_example_runs(path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     shorter = ["duration_s=2", "learning.update_times_s=[1]", "learning.end_s=1"]
-    given = [str(path.with_name("plate.yaml")), *shorter] if path.stem == "01_fly_the_paper" else []
-    monkeypatch.setattr(sys, "argv", [str(path), *given])
+    parameters = [str(path.with_name("plate.yaml")), *shorter] if path.stem == "01_fly_the_paper" else []
+    monkeypatch.setattr(sys, "argv", [str(path), *parameters])
     runpy.run_path(str(path), run_name="__main__")
-    said = capsys.readouterr().out
-    assert said
-    assert "nan" not in said
+    output = capsys.readouterr().out
+    assert output
+    assert "nan" not in output
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_examples_that_pages_name_exist(page: Path) -> None:
+def test_examples_named_by_pages_exist(page: Path) -> None:
     for name in re.findall(r"examples/[\w.]+\w", page.read_text(encoding="utf-8")):
         assert (ROOT / name).exists(), name
 
 
-# The reference --------------------------------------------------------------------------------------------------------
+# Reference pages ------------------------------------------------------------------------------------------------------
 
 
-def test_every_module_stands_on_one_page_of_the_reference() -> None:
+def test_every_module_is_on_one_reference_page() -> None:
     found = [
         name
         for page in (ROOT / "docs" / "api").glob("*.md")
@@ -252,8 +251,8 @@ def test_every_module_stands_on_one_page_of_the_reference() -> None:
     assert set(found) == modules - {"__init__", "__main__"}
 
 
-def test_no_line_within_a_formula_begins_as_an_item_of_a_list():
-    """Markdown would end the paragraph there, and show the formula as its source."""
+def test_no_formula_line_starts_like_a_list_item():
+    """Markdown would end the paragraph at such a line and display the source of the formula."""
     for page in PAGES:
         text = re.sub(r"^```.*?^```$|`[^`\n]*`", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
         for paragraph in re.split(r"\n\s*\n", text):

@@ -1,4 +1,4 @@
-"""The record of the proofs: what a result names, and when it is behind."""
+"""Tests of the stored results: recorded files and commits, and detection of outdated results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def git(*words: str) -> str:
 
 @pytest.fixture(scope="module")
 def history():
-    """Skips where this checkout has no history to look into (an unpacked archive, a shallow clone)."""
+    """Skip the test if the checkout has no git history (unpacked archive, shallow clone)."""
     try:
         if git("rev-parse", "--is-shallow-repository").strip() == "true":
             pytest.skip("a shallow clone")
@@ -29,13 +29,13 @@ def history():
         pytest.skip("no repository")
 
 
-def test_every_result_has_its_proof():
-    assert {path.stem for path in RESULTS} <= set(__main__.proofs())
+def test_every_result_has_an_evidence_module():
+    assert {path.stem for path in RESULTS} <= set(__main__.module_names())
 
 
 @pytest.mark.parametrize("path", RESULTS, ids=[path.stem for path in RESULTS])
-def test_a_result_names_a_commit_that_exists_and_the_files(path, history):
-    """A result names a commit that exists and the files as they were there."""
+def test_result_files_match_the_recorded_commit(path, history):
+    """The recorded commit exists, and the recorded digests are those of its files."""
     made = json.loads(path.read_text())
     git("merge-base", "--is-ancestor", made["commit"], "HEAD")
     listed = git("ls-tree", "-r", made["commit"], "--", *made["files"]).splitlines()
@@ -43,9 +43,9 @@ def test_a_result_names_a_commit_that_exists_and_the_files(path, history):
     assert f"evidence/{path.stem}.py" in made["files"]
 
 
-def test_a_proof_rests_on_what_it_imports_and_on_the_scenarios():
-    """A proof rests on what it imports and on the scenarios it names and on nothing else."""
-    files = evidence.rests_on(ROOT / "evidence" / "orderings.py")
+def test_dependencies_are_imports_and_scenarios():
+    """An evidence module depends on its imports and the scenarios that it names, and on no other file."""
+    files = evidence.files_behind(ROOT / "evidence" / "orderings.py")
     for name in ("closed_loop/flight.py", "codegen/__init__.py", "gp/fitting.py", "scenario/library/paper.yaml"):
         assert f"src/colift/{name}" in files
     for name in ("visualization/study_figures.py", "scenario/library/certified.yaml", "__main__.py"):
@@ -56,7 +56,7 @@ def test_a_proof_rests_on_what_it_imports_and_on_the_scenarios():
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """A project of one package and one proof, which rests on `a`, which rests on `b` and on a header beside it."""
+    """Project of one package and one evidence module, which depends on `a`; `a` depends on `b` and a header file."""
     for name, text in {
         "src/colift/__init__.py": "",
         "src/colift/a.py": "from colift import b\nHEADER = 'a.h'\n",
@@ -72,36 +72,39 @@ def project(tmp_path, monkeypatch):
         (tmp_path / name).write_text(text)
     monkeypatch.setattr(evidence, "ROOT", tmp_path)
     monkeypatch.setattr(evidence, "RESULTS", tmp_path / "evidence" / "results")
-    monkeypatch.setattr(evidence.rests_on, "__defaults__", (tmp_path,))
+    monkeypatch.setattr(evidence.files_behind, "__defaults__", (tmp_path,))
     return tmp_path
 
 
-def test_imports_are_followed_to_the_end(project):
+def test_dependencies_include_indirect_imports(project):
     expected = ["evidence/proof.py", "src/colift/__init__.py", "src/colift/a.h", "src/colift/a.py", "src/colift/b.py"]
-    assert list(evidence.rests_on(project / "evidence" / "proof.py")) == [*expected, "src/colift/scenarios/sample.yaml"]
+    assert list(evidence.files_behind(project / "evidence" / "proof.py")) == [
+        *expected,
+        "src/colift/scenarios/sample.yaml",
+    ]
 
 
-def test_items_are_kept_until_a_file_behind_them_changes(project, capsys):
-    asked: list[str] = []
+def test_items_are_reused_until_a_dependency_changes(project, capsys):
+    computed: list[str] = []
 
     def compute(item: str) -> str:
-        asked.append(item)
+        computed.append(item)
         return item.upper()
 
     assert evidence.collect("proof", ["a", "b"], compute) == {"a": "A", "b": "B"}
     assert evidence.collect("proof", ["a", "b", "c"], compute) == {"a": "A", "b": "B", "c": "C"}
     (project / "src/colift/c.py").write_text("another = 1")  # imported inside a function only
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     evidence.collect("proof", ["a"], compute)
-    assert asked == ["a", "b", "c"]
+    assert computed == ["a", "b", "c"]
     (project / "src/colift/b.py").write_text("another = 1")
-    assert evidence.behind("proof") == ["src/colift/b.py"]
+    assert evidence.changed_files("proof") == ["src/colift/b.py"]
     assert evidence.collect("proof", ["a"], compute) == {"a": "A"}
-    assert asked == ["a", "b", "c", "a"]
+    assert computed == ["a", "b", "c", "a"]
     assert evidence.stored("proof")["commit"] is None  # no repository here
 
 
-def test_a_result_of_files_that_are_not_committed_is_refused(project):
+def test_uncommitted_files_are_refused(project):
     for words in (["init", "-q"], ["add", "src"]):
         subprocess.run(["git", *words], cwd=project, check=True)
     with pytest.raises(SystemExit, match=r"proof: .* commit .*evidence/proof\.py"):
@@ -116,28 +119,28 @@ def test_a_result_of_files_that_are_not_committed_is_refused(project):
     assert Path(made["command"].split()[0]).name == "dev"
 
 
-def test_a_file_of_which_only_the_words_have_changed_is_the_same(project):
+def test_changed_comments_do_not_outdate_a_result(project):
     b = project / "src/colift/b.py"
     author = ["-c", "user.name=a", "-c", "user.email=a@b.c"]
     for words in (["init", "-q"], ["add", "."], [*author, "commit", "-qm", "all"]):
         subprocess.run(["git", *words], cwd=project, check=True)
     evidence.collect("proof", ["a"], str.upper)
     b.write_text('"""A module."""\n\n\ndef f():\n    """Of it."""\n    import colift.c  # why\n')
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     b.write_text('def f():\n    """Of it."""\n    import colift.a\n')
-    assert evidence.behind("proof") == ["src/colift/b.py"]
+    assert evidence.changed_files("proof") == ["src/colift/b.py"]
     b.write_text("def f():\n    import colift.c\n")
     (project / "src/colift/a.h").write_text("int x; // the same, but no Python")
-    assert evidence.behind("proof") == ["src/colift/a.h"]
+    assert evidence.changed_files("proof") == ["src/colift/a.h"]
 
 
-def test_a_digest_is_gits(tmp_path):
+def test_digest_equals_git_hash(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"what is up, doc?")  # the example of Pro Git, section 10.2
     assert evidence._digest(path) == "bd9dbf5aae1a3862dd1526723246b20206e5fc37"
 
 
-def test_status_says_which_results_are_behind_and_by_what(project, capsys, monkeypatch):
+def test_status_lists_outdated_results_and_changed_files(project, capsys, monkeypatch):
     monkeypatch.setattr(evidence, "__path__", [str(project / "evidence")])
     __main__.main(["status"])
     assert "proof        no result yet" in capsys.readouterr().out
@@ -150,7 +153,7 @@ def test_status_says_which_results_are_behind_and_by_what(project, capsys, monke
 
 
 @pytest.mark.parametrize("name", mutants.MUTANTS)
-def test_original_of_a_mutant_occurs_once_and_its_tests_exist(name):
+def test_mutant_expressions_are_unique_and_tests_exist(name):
     mutant = mutants.MUTANTS[name]
     text = (ROOT / "src" / "colift" / mutant.file).read_text()
     assert text.count(mutant.original) == 1

@@ -1,4 +1,4 @@
-"""What the project promises of itself: imports, the wall, the documentation, the locks, the one entry point."""
+"""Tests of the project's structure: imports, layers, documentation, lock files and `./dev`."""
 
 import ast
 import importlib
@@ -34,18 +34,18 @@ eq:dk_def fig:payload_tracking_se3 fig:deltaW fig:gp_uncertainty fig:contact_for
 
 
 def page(name: str) -> str:
-    """A page of the documentation."""
+    """Return the text of a page of the documentation."""
     return (ROOT / "docs" / name).read_text(encoding="utf-8")
 
 
 def resolves(name: str) -> bool:
-    """Whether `module.function` is something of colift."""
+    """Return whether `module.function` exists in colift."""
     module, _, attribute = name.rpartition(".")
     return hasattr(importlib.import_module(f"colift.{module}"), attribute)
 
 
-def shown_in(file: str) -> set[str]:
-    """Names of the tests of a test module."""
+def tests_in(file: str) -> set[str]:
+    """Return the names of the tests of a test module."""
     path = ROOT / "tests" / file
     tree = ast.parse(path.read_text(encoding="utf-8")) if path.exists() else ast.Module(body=[], type_ignores=[])
     return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")}
@@ -54,8 +54,8 @@ def shown_in(file: str) -> set[str]:
 # Imports --------------------------------------------------------------------------------------------------------------
 
 
-def test_imports_point_down_and_what_flies_never_imports(tmp_path):
-    """Imports point down and what flies never imports the truth."""
+def test_import_contracts_hold(tmp_path):
+    """Imports point to lower layers, and onboard code never imports the simulation."""
     linter = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run(
         [linter, "--no-logo", "--cache-dir", tmp_path],
@@ -69,7 +69,7 @@ def test_imports_point_down_and_what_flies_never_imports(tmp_path):
 
 
 def test_onboard_code_and_simulation_are_independent_layers():
-    """Onboard code and simulated truth stand side by side in the layers contract, without an exception."""
+    """Onboard code and simulation are independent in the layers contract, without an exception."""
     (contract,) = PROJECT["tool"]["importlinter"]["contracts"]
     assert "onboard | simulation" in contract["layers"]
     assert contract["exhaustive"]
@@ -79,7 +79,7 @@ def test_onboard_code_and_simulation_are_independent_layers():
 # Documentation --------------------------------------------------------------------------------------------------------
 
 
-def test_every_label_of_the_paper_stands_once():
+def test_every_label_of_the_paper_is_listed_once():
     assert sorted(re.findall(r"^\| `([a-z]\w*(?::\w+)?)` \|", page("equations.md"), re.MULTILINE)) == sorted(LABELS)
 
 
@@ -87,14 +87,14 @@ ROWS = re.findall(r"^\| `([a-z]\w*(?::\w+)?)` \| (.*?) \| ?(.*?) ?\|$", page("eq
 
 
 @pytest.mark.parametrize(("label", "function", "test"), ROWS, ids=[row[0] for row in ROWS])
-def test_every_equation_leads_to_a_function_and_a_test(label, function, test):
+def test_every_equation_has_a_function_and_a_test(label, function, test):
     del label
     if function.startswith("a step of the paper's proof"):
         assert not test
         return
     for cell, exists in (
         (function, resolves),
-        (test, lambda name: name.split("::")[1] in shown_in(name.split("::")[0])),
+        (test, lambda name: name.split("::")[1] in tests_in(name.split("::")[0])),
     ):
         names = re.findall(r"`([^`]+)`", cell)
         assert names or cell == "not yet", f"{cell!r}: name what computes and what shows it, or say 'not yet'"
@@ -102,14 +102,14 @@ def test_every_equation_leads_to_a_function_and_a_test(label, function, test):
 
 
 def called() -> set[str]:
-    """Names that package or tests refer to, as a name or an attribute, other than where they are defined."""
+    """Return all names and attributes that package and tests use."""
     files = [path for folder in ("src", "tests") for path in (ROOT / folder).rglob("*.py")]
     nodes = [node for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
     names = {node.id for node in nodes if isinstance(node, ast.Name)}
     return names | {node.attr for node in nodes if isinstance(node, ast.Attribute)}
 
 
-def test_every_equation_leads_to_code_that_is_called():
+def test_functions_of_equations_are_called():
     named = {name for _, function, _ in ROWS for name in re.findall(r"`([a-z][\w.]*\.\w+)`", function)}
     assert len(named) > 30
     used = called()
@@ -117,22 +117,22 @@ def test_every_equation_leads_to_code_that_is_called():
 
 
 @pytest.mark.parametrize("name", ["errata.md", "performance.md", "notation.md"])
-def test_tests_that_pages_point_to_exist(name):
+def test_tests_named_by_pages_exist(name):
     for file, test in re.findall(r"`([\w/]*test_\w+\.py)::(\w+)`", page(name)):
-        assert test in shown_in(file), f"{file}::{test}"
+        assert test in tests_in(file), f"{file}::{test}"
 
 
-def test_the_errata_have_all_rows():
+def test_errata_rows_are_numbered_without_gap():
     assert [int(n) for n in re.findall(r"^\| (\d+) \|", page("errata.md"), re.MULTILINE)] == list(range(1, 20))
 
 
-def test_links_between_pages_lead_somewhere():
+def test_links_between_pages_have_a_target():
     for path in [ROOT / "README.md", ROOT / "CHANGELOG.md", *(ROOT / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\((?!https?:|#)([^)#]+)", path.read_text(encoding="utf-8")):
             assert (path.parent / target).exists(), f"{path.name}: {target}"
 
 
-def test_files_that_the_readme_names_exist():
+def test_files_named_by_the_readme_exist():
     named = re.findall(
         r"(?:docs|src|tests|requirements|benchmarks|examples)/[\w./-]*", (ROOT / "README.md").read_text()
     )
@@ -147,7 +147,7 @@ def test_decisions_are_numbered_once():
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=[str(p.relative_to(ROOT / "src" / "colift")) for p in SOURCES])
-def test_everything_public_says_what_it_is(path):
+def test_public_names_have_docstrings(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     assert ast.get_docstring(tree), "the module"
     for node in tree.body:
@@ -159,7 +159,7 @@ def test_everything_public_says_what_it_is(path):
 
 
 @pytest.mark.parametrize("lock", sorted((ROOT / "requirements").glob("*.txt")), ids=lambda path: path.stem)
-def test_locks_pin_and_hash_everything_and_name_no_address(lock):
+def test_locks_have_versions_and_hashes_but_no_address(lock):
     text = lock.read_text(encoding="utf-8")
     assert "://" not in text
     for entry in re.split(r"\n(?=\S)", text.strip()):
@@ -167,11 +167,11 @@ def test_locks_pin_and_hash_everything_and_name_no_address(lock):
         assert "--hash=sha256:" in entry, entry
 
 
-def test_locks_hold_what_the_project_asks_for():
-    asked = {"run": PROJECT["project"]["dependencies"]}
+def test_locks_contain_all_requirements():
+    required = {"run": PROJECT["project"]["dependencies"]}
     for group, names in PROJECT["dependency-groups"].items():
-        asked[group] = asked.get(group, []) + names
-    for group, requirements in asked.items():
+        required[group] = required.get(group, []) + names
+    for group, requirements in required.items():
         text = (ROOT / "requirements" / f"{group}.txt").read_text(encoding="utf-8")
         locked = {
             name.lower().replace("_", "-").replace(".", "-") for name in re.findall(r"^([\w.-]+)==", text, re.MULTILINE)
@@ -181,7 +181,7 @@ def test_locks_hold_what_the_project_asks_for():
             assert name in locked, f"{requirement} is not in requirements/{group}.txt: run ./dev lock"
 
 
-def test_no_file_names_a_machine_or_an_address_of_a_registry():
+def test_no_file_contains_a_host_or_registry_address():
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False, timeout=60)
     files = [ROOT / name for name in listed.stdout.splitlines()]
     foreign = re.compile(rb"/(?:root|home)/\w|/opt/\w|extra-index-url|127\.0\.0\.1:\d")
@@ -191,7 +191,7 @@ def test_no_file_names_a_machine_or_an_address_of_a_registry():
 
 
 FAKE_PYTHON = """#!/bin/sh
-# Stands in for python3: answers the version and venv questions, makes a folder as venv would, notes calls of pip.
+# Substitute for python3: it reports version and venv, creates a folder as venv does, and records calls of pip.
 case "$*" in
 *version_info*) exit {too_old} ;;
 *python_version*) echo 3.9.1 ;;
@@ -205,7 +205,7 @@ esac
 
 @pytest.fixture
 def checkout(tmp_path):
-    """A copy of what the set-up reads, and a way to call `./dev` with a stand-in for python3."""
+    """Copy of the files that the setup reads, and a function that calls `./dev` with a substitute for python3."""
     for name in ("dev", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "requirements", tmp_path / "requirements")
@@ -232,7 +232,7 @@ def checkout(tmp_path):
     return tmp_path, dev, calls
 
 
-def test_dev_sets_up_once_and_again_when_a_lock_changes(checkout):
+def test_dev_repeats_setup_only_when_a_lock_changes(checkout):
     root, dev, calls = checkout
     first = dev("test", "-k", "x y")
     assert first.returncode == 0, first.stderr
@@ -252,8 +252,8 @@ def test_dev_sets_up_once_and_again_when_a_lock_changes(checkout):
     assert "run.txt" not in calls.read_text()
 
 
-def test_dev_starts_afresh_after_a_set_up_that_failed(checkout):
-    """Dev starts afresh after a set up that failed or was killed."""
+def test_dev_repeats_a_failed_setup(checkout):
+    """The setup is repeated after a setup that failed or was killed."""
     root, dev, calls = checkout
     failed = dev("test", PIP_FAILS="1")
     assert failed.returncode == 1
@@ -278,7 +278,7 @@ def test_dev_starts_afresh_after_a_set_up_that_failed(checkout):
         ({"too_old": -1}, "python3 was not found"),
     ],
 )
-def test_dev_says_what_is_missing(checkout, flaw, answer):
+def test_dev_reports_missing_python(checkout, flaw, answer):
     _, dev, _ = checkout
     done = dev("test", **flaw)
     assert done.returncode == 1
@@ -286,8 +286,8 @@ def test_dev_says_what_is_missing(checkout, flaw, answer):
     assert "Traceback" not in done.stderr
 
 
-def test_dev_without_a_command_helps_and_with_an_unknown(checkout):
-    """Dev without a command helps and with an unknown one refuses."""
+def test_dev_help_and_unknown_command(checkout):
+    """Without a command `./dev` prints its help; an unknown command is an error."""
     _, dev, _ = checkout
     assert dev().returncode == 0
     assert "usage" in dev().stdout
@@ -295,8 +295,8 @@ def test_dev_without_a_command_helps_and_with_an_unknown(checkout):
     assert "no command 'fly'" in dev("fly").stderr
 
 
-def cache_of(environment: dict[str, str]) -> str:
-    """Where a fresh process would keep compiled programs."""
+def compilation_cache_folder(environment: dict[str, str]) -> str:
+    """Return the folder in which a new process would cache compiled programs."""
     code = "import colift, jax; print(jax.config.jax_compilation_cache_dir)"
     kept = {
         key: value for key, value in os.environ.items() if key not in ("JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME")
@@ -307,12 +307,12 @@ def cache_of(environment: dict[str, str]) -> str:
     return done.stdout.strip()
 
 
-def test_compiled_programs_are_kept_where_the_user_says(tmp_path):
-    assert cache_of({"XDG_CACHE_HOME": str(tmp_path)}) == str(tmp_path / "colift" / "jax")
-    assert cache_of({"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "mine")}) == str(tmp_path / "mine")
+def test_compilation_cache_folder_is_configurable(tmp_path):
+    assert compilation_cache_folder({"XDG_CACHE_HOME": str(tmp_path)}) == str(tmp_path / "colift" / "jax")
+    assert compilation_cache_folder({"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "mine")}) == str(tmp_path / "mine")
 
 
-def test_the_tests_themselves_are_strict():
+def test_test_configuration_is_strict():
     jax = importlib.import_module("jax")
     assert jax.config.jax_enable_x64
     assert jax.config.jax_numpy_dtype_promotion == "strict"
@@ -323,7 +323,7 @@ def test_the_tests_themselves_are_strict():
         hat(jax.numpy.zeros(4))
 
 
-def test_nothing_cites_a_page_that_is_not_shipped():
+def test_no_reference_to_a_page_outside_the_repository():
     cited = "design".upper()  # the founders' page, spelled so that this line does not cite it
     kinds = {".py", ".md", ".yaml", ".toml", ".h"}
     folders = ("src", "tests", "docs", "benchmarks", "evidence", "examples")
@@ -333,7 +333,7 @@ def test_nothing_cites_a_page_that_is_not_shipped():
     assert [path.relative_to(ROOT) for path in files if re.search(rf"\b{cited}\b", path.read_text("utf-8"))] == []
 
 
-def test_a_wheel_holds_all_that_a_run_needs_and_the_licence(tmp_path):
+def test_wheel_contains_package_data_and_license(tmp_path):
     build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
@@ -358,7 +358,7 @@ def test_a_wheel_holds_all_that_a_run_needs_and_the_licence(tmp_path):
     assert "certified " in listed.stdout
 
 
-def test_the_citation_names_this_version_and_licence():
+def test_citation_states_version_and_license():
     cited = YAML(typ="safe").load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert cited["version"] == PROJECT["project"]["version"]
     assert cited["license"] == PROJECT["project"]["license"]

@@ -1,4 +1,4 @@
-"""What a person gets of a certificate: the file, the figure, the table, and what is said where a radius is exceeded."""
+"""Tests of the output of `certify`: file, table, figure, and report of exceeded bounds."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from tests.support.certified_flights import NAMES, made, short
 
 
 def exceeded() -> certification.CertificationResult:
-    """The flight by its energy bound, with errors that are said to be beyond it."""
+    """Certificate of the flight with its energy bound only and with observed errors above that bound."""
     of = made()
     energy = of.certificate.ultimate_bounds["energy"]
     observed = {error: 3 * radius for error, radius in energy.a_priori.items()}
@@ -40,13 +40,13 @@ LAYER = agent_iss.AgentIss(np.ones(2), 1.0, np.ones((2, 4)), np.ones(2), np.ones
 
 
 def table_of(printed: str) -> list[list[str]]:
-    """The rows of radii in what was printed, cell by cell."""
+    """Return the rows of bounds in printed text, split into cells."""
     return [line.split() for line in printed.splitlines() if line.split()[:1] and line.split()[0] in NAMES]
 
 
 @pytest.fixture
 def save(tmp_path, monkeypatch):
-    """`save_certificate` under a name that is no word of a certificate, without the interface's long gains."""
+    """Function that saves a certificate of a scenario with a neutral name and short gains of the agent layer."""
     monkeypatch.setattr(agent_iss, "agent_iss_constants", lambda _loop, _floor: LAYER)
     settings = short().model_copy(update={"name": "short"})
 
@@ -61,7 +61,7 @@ def save(tmp_path, monkeypatch):
 
 @pytest.fixture
 def drawn(monkeypatch) -> list[str]:
-    """Every text of the figures that are saved."""
+    """All visible texts of the figures that are saved."""
     texts: list[str] = []
 
     def save(figure, path, run):
@@ -73,10 +73,10 @@ def drawn(monkeypatch) -> list[str]:
     return texts
 
 
-def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save):
-    told = save(made(), made())
-    assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {told["run"]}
-    assert json.loads((tmp_path / "certificate.json").read_text()) == told
+def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
+    saved_values = save(made(), made())
+    assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {saved_values["run"]}
+    assert json.loads((tmp_path / "certificate.json").read_text()) == saved_values
     assert {path.name for path in tmp_path.iterdir()} == {
         "certificate.json",
         "figure_6_certificate.pdf",
@@ -86,30 +86,30 @@ def test_a_certificate_is_saved_whole_and_told_in_a_table(tmp_path, capsys, save
     for name, radii in found.ultimate_bounds.items():
         for error in certificate.ERRORS:
             ratio = radii.a_posteriori[error] / found.observed[error]
-            assert told["ultimate_bounds"][name]["bound_over_observed"]["a_posteriori"][error] == (
+            assert saved_values["ultimate_bounds"][name]["bound_over_observed"]["a_posteriori"][error] == (
                 ratio if np.isfinite(ratio) else None
             )
-    best = told["ultimate_bounds"]["recovery"]["bound_over_observed"]["a_posteriori"]
-    assert told["adversarial_test"]["bound_over_observed"] == best["e_p"]
-    assert told["violations"] == []
-    assert set(told["units"]) == set(certificate.ERRORS) == set(told["nominal_error"])
-    assert result_files.load_certificate(tmp_path / "certificate.json") == told
-    certify_commands.print_certificate(told, tmp_path)
-    printed, said = capsys.readouterr()
-    assert said == ""
+    best = saved_values["ultimate_bounds"]["recovery"]["bound_over_observed"]["a_posteriori"]
+    assert saved_values["adversarial_test"]["bound_over_observed"] == best["e_p"]
+    assert saved_values["violations"] == []
+    assert set(saved_values["units"]) == set(certificate.ERRORS) == set(saved_values["nominal_error"])
+    assert result_files.load_certificate(tmp_path / "certificate.json") == saved_values
+    certify_commands.print_certificate(saved_values, tmp_path)
+    printed, message = capsys.readouterr()
+    assert message == ""
     for bound in NAMES:
         assert bound in printed
     assert f"{1e3 * found.observed['e_p']:.3g}" in printed
 
 
-def test_what_is_assumed_stands_in_table_json_and_figure(tmp_path, capsys, save, drawn):
-    """What is assumed stands in table json and figure and the word certified in none."""
-    told = save(made(), made())
+def test_assumptions_are_in_table_json_and_figure(tmp_path, capsys, save, drawn):
+    """Unproven assumptions are named in table, JSON and figure, and none of them contains the word certified."""
+    saved_values = save(made(), made())
     text = "first order, less than a round"
-    for radii in told["ultimate_bounds"].values():
+    for radii in saved_values["ultimate_bounds"].values():
         assert ", ".join(radii["unproven_assumptions"]) == text
         assert radii["status"] == "assumed"
-    certify_commands.print_certificate(told, tmp_path)
+    certify_commands.print_certificate(saved_values, tmp_path)
     printed = capsys.readouterr().out
     assert f"assumed: {text}" in printed
     assert [(row[0], row[1], row[-1]) for row in table_of(printed)] == [
@@ -118,54 +118,56 @@ def test_what_is_assumed_stands_in_table_json_and_figure(tmp_path, capsys, save,
     shown = "\n".join(drawn)
     assert f"assumed: {text}" in shown.replace("\n", " ")
     assert "bound for this run (recovery, assumed)" in shown
-    for where in (json.dumps(told), printed, shown):
+    for where in (json.dumps(saved_values), printed, shown):
         assert "certified" not in where
 
 
-def test_an_error_above_its_radius_is_said_first_and_the_status(tmp_path, monkeypatch, save, drawn):
-    """An error above its radius is said first and the status is 1."""
-    del save  # for the interface
-    known = [made(), exceeded()]
-    monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
+def test_exceeded_bound_is_reported_first_with_status_1(tmp_path, monkeypatch, save, drawn):
+    """An error above its bound is reported in the first line, and the exit status is 1."""
+    del save  # the fixture replaces the constants of the agent layer
+    results = [made(), exceeded()]
+    monkeypatch.setattr(certification, "certify", lambda *_, **__: results.pop())
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 1
     found = exceeded().certificate
     observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.ultimate_bounds["energy"].a_priori["e_p"]
     first = f"e_p of this run exceeds its bound: observed {observed:.4g} mm, bound {radius:.4g} mm (energy, any run), "
-    said = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
-    assert said[0].startswith(first)
-    red = [line for line in result.stderr.splitlines() if line in said]
+    message = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
+    assert message[0].startswith(first)
+    red = [line for line in result.stderr.splitlines() if line in message]
     assert len(red) == len({each.error for each in found.violations})
-    assert said[: len(red)] == red
+    assert message[: len(red)] == red
     assert [(row[0], row[1], row[-1]) for row in table_of(result.stdout)] == [
         ("energy", "any", "exceeded"),
         ("energy", "this", "exceeded"),
     ]
-    told = json.loads((tmp_path / "certificate.json").read_text())
-    assert told["violations"] == [{"run": "simulation", **dataclasses.asdict(each)} for each in found.violations]
+    saved_values = json.loads((tmp_path / "certificate.json").read_text())
+    assert saved_values["violations"] == [
+        {"run": "simulation", **dataclasses.asdict(each)} for each in found.violations
+    ]
     assert any(text.startswith("observed error above its bound: $e_p$") for text in drawn)
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
     assert all(line.startswith("certifying certified") for line in result.stderr.splitlines())
 
 
-def test_the_example_prints_the_radii_of_its_flight_and_fails(monkeypatch, capsys):
-    """The example prints the radii of its flight and fails where one is exceeded."""
+def test_example_prints_bounds_and_fails_if_exceeded(monkeypatch, capsys):
+    """The example prints the bounds of its flight and fails if one is exceeded."""
     example = str(Path(__file__).parents[2] / "examples" / "08_certify_a_flight.py")
-    known = [exceeded(), made()]
-    monkeypatch.setattr(certification, "certify", lambda *_, **__: known.pop())
+    results = [exceeded(), made()]
+    monkeypatch.setattr(certification, "certify", lambda *_, **__: results.pop())
     runpy.run_path(example, run_name="__main__")
-    said = capsys.readouterr().out
+    message = capsys.readouterr().out
     radius, seen = (
         made().certificate.ultimate_bounds["recovery"].a_posteriori["e_p"],
         made().certificate.observed["e_p"],
     )
-    assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in said
-    with pytest.raises(SystemExit, match=r"above their radius: .*e_p"):
+    assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in message
+    with pytest.raises(SystemExit, match=r"above their bound: .*e_p"):
         runpy.run_path(example, run_name="__main__")
 
 
-def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
+def test_exceeded_bound_is_printed_in_red(tmp_path, monkeypatch, save):
     terminal = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=200)
     monkeypatch.setattr(common, "error_console", terminal)
     certify_commands.print_certificate(save(exceeded()), tmp_path)
@@ -174,20 +176,20 @@ def test_an_error_above_its_radius_is_said_in_red(tmp_path, monkeypatch, save):
     assert all(line.startswith("\x1b[31m") for line in lines)
 
 
-def test_an_adversary_that_exceeds_its_radius_breaks(tmp_path, capsys, save):
-    """An adversary that exceeds its radius breaks the certificate too."""
+def test_adversarial_run_above_its_bound_is_exceeded(tmp_path, capsys, save):
+    """A bound that the adversarial run exceeds is reported like that of the certified run."""
     observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
-    beyond = dataclasses.replace(made().certificate, observed=observed)
-    told = save(made(), dataclasses.replace(made(), certificate=beyond))
-    assert {each["run"] for each in told["violations"]} == {"adversarial_test"}
-    certify_commands.print_certificate(told, tmp_path)
-    printed, said = capsys.readouterr()
-    assert said.startswith("e_p of the adversarial run exceeds its bound: observed ")
+    exceeding = dataclasses.replace(made().certificate, observed=observed)
+    saved_values = save(made(), dataclasses.replace(made(), certificate=exceeding))
+    assert {each["run"] for each in saved_values["violations"]} == {"adversarial_test"}
+    certify_commands.print_certificate(saved_values, tmp_path)
+    printed, message = capsys.readouterr()
+    assert message.startswith("e_p of the adversarial run exceeds its bound: observed ")
     assert " exceeded" not in printed
 
 
-def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
-    """No tube: no row for any run; data that contradict what is stated: no row at all, and the reason."""
+def test_unavailable_bounds_have_no_row(tmp_path, capsys, save, drawn):
+    """Without a tube the table has no row for any run; with contradictory data it has no row and states the reason."""
     all_of = made()
     radii = {
         name: dataclasses.replace(
@@ -195,9 +197,9 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
         )
         for name, each in all_of.certificate.ultimate_bounds.items()
     }
-    before = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
-    lost = dataclasses.replace(all_of.certificate, ultimate_bounds=radii, a_priori=before)
-    certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=lost)), tmp_path)
+    a_priori = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
+    without_tube = dataclasses.replace(all_of.certificate, ultimate_bounds=radii, a_priori=a_priori)
+    certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=without_tube)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
     assert not re.search(r"\bany\b(?! run: it feeds)", printed)
@@ -209,9 +211,9 @@ def test_what_has_no_radius_has_no_row(tmp_path, capsys, save, drawn):
         all_of.experiment, bound_assumptions=dataclasses.replace(all_of.experiment.bound_assumptions, rkhs_norm=0.05)
     )
     nothing = certificate.certify(small, all_of.flight, all_of.nominal_linearization, ("energy", "recovery"))
-    told = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
-    assert told["violations"] == []
-    certify_commands.print_certificate(told, tmp_path)
+    saved_values = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
+    assert saved_values["violations"] == []
+    certify_commands.print_certificate(saved_values, tmp_path)
     printed = capsys.readouterr().out
     assert table_of(printed) == []
     assert not re.search("none|assumed|nan|inf", printed)

@@ -1,4 +1,4 @@
-"""The command line: what a person types, what comes back, and with which status."""
+"""Tests of the command line: arguments, output and exit status."""
 
 from __future__ import annotations
 
@@ -61,27 +61,27 @@ def invoke(*arguments: str) -> tuple[int, str]:
 
 @pytest.fixture(autouse=True)
 def _no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`flown` has drawn them; ten seconds of every other study are saved."""
+    """Suppress the figures of studies; fixture `flown` has drawn them before."""
     monkeypatch.setattr(study_figures, "write_figures", lambda *_: [])
 
 
-def test_an_unknown_scenario_is_one_line_and_status_2():
-    status, said = invoke("study", "papr")
+def test_unknown_scenario_gives_one_line_and_status_2():
+    status, message = invoke("study", "papr")
     assert status == 2
-    assert said.count("\n") == 1
-    assert "papr" in said
-    assert "paper" in said
+    assert message.count("\n") == 1
+    assert "papr" in message
+    assert "paper" in message
 
 
-def test_what_is_listed_and_shown_is_there_for_programs():
+def test_list_and_print_config_have_json_output():
     listed = CliRunner().invoke(app, ["list", "--json"])
     assert list(json.loads(listed.stdout)) == scenario.shipped_names()
     shown = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2", "--json"])
     assert json.loads(shown.stdout)["payload"]["mass_kg"] == 2
 
 
-def test_settings_complete_by_their_paths_entries_of_lists():
-    """Settings complete by their paths entries of lists by name."""
+def test_settings_complete_by_path_and_entry_name():
+    """Settings complete by their paths, and entries of lists by their names."""
     ctx = typer.Context(click.Command("run"))
     for name, found in (("paper", ["payload.mass_kg="]), (None, ["payload.mass_kg="]), ("papr", [])):
         ctx.params = {"name": name}
@@ -94,8 +94,8 @@ def test_settings_complete_by_their_paths_entries_of_lists():
     )
 
 
-def test_a_run_that_ends_before_learning_does_ends_it_and_says(capsys: pytest.CaptureFixture[str]):
-    """A run that ends before learning does ends it and says so."""
+def test_duration_shortens_learning_with_a_warning(capsys: pytest.CaptureFixture[str]):
+    """A run that is shorter than the learning phase shortens it; a run without any update prints a warning."""
     short = common.load_settings("paper", (), 5.0)
     assert (short.duration_s, short.learning.end_s, short.learning.update_times_s) == (5.0, 5.0, (2.0, 4.0))
     assert common.load_settings("paper", (), 12.0).learning == scenario.load_scenario("paper").learning
@@ -110,18 +110,18 @@ def test_a_run_that_ends_before_learning_does_ends_it_and_says(capsys: pytest.Ca
     assert str(refused.value).count("\n") == 0
 
 
-def test_no_case_at_all_is_refused():
+def test_empty_list_of_cases_is_refused():
     assert invoke("study", "paper", "--case", "")[0] == 2
 
 
-def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
-    status, said = invoke("study", str(tmp_path / "none.yaml"))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "none.yaml" in said
+def test_unreadable_file_gives_one_line_and_status_2(tmp_path: Path):
+    status, message = invoke("study", str(tmp_path / "none.yaml"))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "none.yaml" in message
 
 
 @pytest.mark.parametrize(
-    ("written", "instead", "answer"),
+    ("original", "replacement", "answer"),
     [
         ("seed: 0", "seed: !!bool foo", "broken.yaml:8: seed: tags are not used in a scenario, got '!!bool'"),
         ("seed: 0", f"seed: {2**63}", "broken.yaml:8: seed: must be from 0 to 9223372036854775807"),
@@ -135,103 +135,103 @@ def test_a_file_that_cannot_be_read_is_one_line_and_status_2(tmp_path: Path):
         ("name: paper", "a: &a [*a]\nname: paper", "broken.yaml:4: is nested more than 20 deep"),
     ],
 )
-def test_a_broken_file_is_one_line_and_status_2(written: str, instead: str, answer: str, tmp_path: Path):
+def test_invalid_file_gives_one_line_and_status_2(original: str, replacement: str, answer: str, tmp_path: Path):
     text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
-    assert written in text
+    assert original in text
     path = tmp_path / "broken.yaml"
-    path.write_text(text.replace(written, instead, 1))
-    status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
-    assert (status, said.count("\n")) == (2, 1)
-    assert answer in said
+    path.write_text(text.replace(original, replacement, 1))
+    status, message = invoke("study", str(path), "--out", str(tmp_path / "out"))
+    assert (status, message.count("\n")) == (2, 1)
+    assert answer in message
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("command", ["study", "certify"])
 @pytest.mark.parametrize("seed", ["-1", str(2**63), "1" * 31, "x"])
-def test_a_seed_that_no_generator_takes_is_refused_with_status_2(command: str, seed: str, tmp_path: Path):
-    status, said = invoke(command, "paper", "--seed", seed, "--out", str(tmp_path / "out"))
+def test_seed_out_of_range_is_refused_with_status_2(command: str, seed: str, tmp_path: Path):
+    status, message = invoke(command, "paper", "--seed", seed, "--out", str(tmp_path / "out"))
     assert status == 2
-    assert "--seed" in said
+    assert "--seed" in message
     assert not (tmp_path / "out").exists()
 
 
-def test_a_folder_that_cannot_be_written_is_one_line_and_status(tmp_path: Path):
-    """A folder that cannot be written is one line and status 2 before any flight."""
+def test_unwritable_folder_is_refused_before_simulation(tmp_path: Path):
+    """A folder that cannot be written gives one line and status 2 before the simulation."""
     (tmp_path / "file").write_text("in the way")
-    status, said = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "cannot write to" in said
-    status, said = invoke("study", "paper", "--out", str(tmp_path / "file"))
-    assert (status, said) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
+    status, message = invoke("study", "paper", "--out", str(tmp_path / "file" / "out"))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "cannot write to" in message
+    status, message = invoke("study", "paper", "--out", str(tmp_path / "file"))
+    assert (status, message) == (2, f"cannot write to {tmp_path / 'file'}: it is a file, not a folder\n")
 
 
-def test_a_folder_that_another_process_writes_to_is_refused(tmp_path: Path):
-    """A folder that another process writes to is refused before any flight."""
+def test_folder_in_use_by_another_process_is_refused(tmp_path: Path):
+    """A folder to which another process writes is refused before the simulation."""
     with study.open_run_directory(scenario.load_scenario("paper"), tmp_path):
         for command in ("study", "certify"):
-            status, said = invoke(command, "paper", "--out", str(tmp_path))
-            assert (status, said.count("\n")) == (2, 1)
-            assert f"{tmp_path} is in use: process {os.getpid()} on " in said
+            status, message = invoke(command, "paper", "--out", str(tmp_path))
+            assert (status, message.count("\n")) == (2, 1)
+            assert f"{tmp_path} is in use: process {os.getpid()} on " in message
 
 
-def test_a_folder_with_a_file_of_someone_else_in_the_way(tmp_path: Path):
-    """A folder with a file of someone else in the way is refused before any flight."""
+def test_foreign_file_in_folder_is_refused(tmp_path: Path):
+    """A folder with a file of the same name from another program is refused before the simulation."""
     (tmp_path / "C1.nc").write_text("mine")
-    status, said = invoke("study", "paper", "--out", str(tmp_path))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "contains C1.nc, which colift did not write" in said
+    status, message = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "contains C1.nc, which colift did not write" in message
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
-def test_a_scenario_that_cannot_be_flown_leaves_the_results(tmp_path: Path):
-    """A scenario that cannot be flown leaves the results that there were."""
+def test_invalid_scenario_keeps_earlier_results(tmp_path: Path):
+    """An invalid scenario leaves the files of earlier runs in place."""
     (tmp_path / "C1.nc").write_text(run_directory.run_id("0.1.0", "another"))
     status, _ = invoke("study", "papr", "--out", str(tmp_path))
     assert status == 2
     assert [file.name for file in tmp_path.iterdir()] == ["C1.nc"]
 
 
-def test_internal_forces_that_do_not_exist_are_refused(tmp_path: Path):
-    """Internal forces that do not exist are refused with the reason."""
+def test_allocation_without_internal_force_is_refused(tmp_path: Path):
+    """Internal forces are refused, with the reason, if the allocation has none."""
     text = (Path(scenario.__file__).parent / "library" / "paper.yaml").read_text()
     split = "  kind: leader_follower\n  leader_contacts: [front/left, front/right, rear/left]"
     path = tmp_path / "split.yaml"
     path.write_text(text.replace("  kind: least_squares", split))
-    status, said = invoke("study", str(path), "--out", str(tmp_path / "out"))
+    status, message = invoke("study", str(path), "--out", str(tmp_path / "out"))
     assert status == 2
-    assert "this allocation has no internal force" in said
+    assert "this allocation has no internal force" in message
 
 
-def test_what_a_compiler_that_fails_says_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """What a compiler that fails says comes without a traceback and status 2."""
+def test_compiler_error_is_printed_with_status_2(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The message of a failing compiler is printed without a traceback, with status 2."""
 
     def plans(settings: scenario.Scenario, cases: object) -> None:
         raise codegen.CompilerError("cc --version:\nexit status 1")
 
     monkeypatch.setattr(experiment, "make_experiments", plans)
-    status, said = invoke("study", "paper", "--out", str(tmp_path))
-    assert (status, said.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
+    status, message = invoke("study", "paper", "--out", str(tmp_path))
+    assert (status, message.splitlines()[1:]) == (2, ["cc --version:", "exit status 1"])
 
 
-@pytest.mark.parametrize(("given", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
-def test_an_engine_takes_the_place_of_the_scenario_s(given, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize(("options", "flown"), [((), "rigid"), (("--engine", "mujoco"), "mujoco")])
+def test_engine_option_replaces_that_of_the_scenario(options, flown, tmp_path, monkeypatch: pytest.MonkeyPatch):
     def plans(settings: scenario.Scenario, cases: object) -> None:
         raise scenario.ScenarioError(f"by {settings.physics.kind}")
 
     monkeypatch.setattr(experiment, "make_experiments", plans)
-    status, said = invoke("study", "paper", *given, "--out", str(tmp_path))
-    assert (status, said.splitlines()[-1]) == (2, f"by {flown}")
+    status, message = invoke("study", "paper", *options, "--out", str(tmp_path))
+    assert (status, message.splitlines()[-1]) == (2, f"by {flown}")
 
 
 @pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c"), ("export", "mjcf"), ("export", "urdf")])
-def test_what_is_set_is_checked_as_if_it_were_written(command: tuple[str, ...], tmp_path: Path):
-    status, said = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
-    assert (status, said) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
+def test_overrides_are_validated_like_the_file(command: tuple[str, ...], tmp_path: Path):
+    status, message = invoke(*command, "paper", "--set", "payload.mass_kg=x", "--out", str(tmp_path / "out"))
+    assert (status, message) == (2, "--set payload.mass_kg [kg]: must be a number, got 'x'\n")
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("command", [("study",), ("certify",), ("export", "c")])
-def test_a_duration_that_ends_before_learning_does_is_said(
+def test_duration_before_end_of_learning_is_reported(
     command: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     def plans(settings: scenario.Scenario, *_: object) -> None:
@@ -239,58 +239,58 @@ def test_a_duration_that_ends_before_learning_does_is_said(
 
     monkeypatch.setattr(experiment, "make_experiment", plans)
     monkeypatch.setattr(experiment, "make_experiments", plans)
-    status, said = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
-    first, *_, last = said.splitlines()
+    status, message = invoke(*command, "paper", "--duration", "5", "--out", str(tmp_path / "out"))
+    first, *_, last = message.splitlines()
     assert (status, first) == (2, "warning: learning ends with the run, at 5 s (learning.end_s is 10)")
     assert last == "until 5 s"
     assert invoke(*command, "paper", "--duration", "0.01")[1].startswith("--duration [s]: must be from 0.1 to")
 
 
 @pytest.mark.parametrize(("kind", "holds"), [("csv", b"time [s],p x [m]"), ("mcap", b"/payload/pose")])
-def test_flights_are_written_beside_their_logs_and_replaced(kind: str, holds: bytes, tmp_path: Path):
-    """Flights are written beside their logs and replaced with them."""
-    told = scenario.load_scenario("paper").model_dump_json(exclude_none=True)
-    log.save(flights.dataset(np.random.default_rng(1), scenario_json=told), tmp_path / "C2.nc")
+def test_exported_flights_are_written_beside_their_logs(kind: str, holds: bytes, tmp_path: Path):
+    """Exported flights are written beside their logs; a second export replaces them."""
+    settings = scenario.load_scenario("paper").model_dump_json(exclude_none=True)
+    log.save(flights.dataset(np.random.default_rng(1), scenario_json=settings), tmp_path / "C2.nc")
     for _ in range(2):
         result = CliRunner().invoke(app, ["export", kind, str(tmp_path)], catch_exceptions=False)
         assert (result.exit_code, result.output) == (0, f"C2.{kind}: in {tmp_path}\n")
-    written = tmp_path / f"C2.{kind}"
-    assert holds in written.read_bytes()
-    assert run_directory.read_run_id(written) == flights.RUN
-    assert run_directory.list_files(tmp_path, study.STUDY_FILES) == sorted([tmp_path / "C2.nc", written])
+    original = tmp_path / f"C2.{kind}"
+    assert holds in original.read_bytes()
+    assert run_directory.read_run_id(original) == flights.RUN
+    assert run_directory.list_files(tmp_path, study.STUDY_FILES) == sorted([tmp_path / "C2.nc", original])
 
 
 @pytest.mark.parametrize("kind", ["csv", "mcap"])
-def test_a_folder_without_flights_is_said(kind: str, tmp_path: Path):
-    status, said = invoke("export", kind, str(tmp_path))
-    assert (status, said.count("\n")) == (2, 1)
-    assert "contains no log" in said
+def test_folder_without_logs_is_refused(kind: str, tmp_path: Path):
+    status, message = invoke("export", kind, str(tmp_path))
+    assert (status, message.count("\n")) == (2, 1)
+    assert "contains no log" in message
 
 
-def test_a_file_that_colift_did_not_write_is_not_replaced(tmp_path: Path):
+def test_foreign_file_is_not_replaced(tmp_path: Path):
     log.save(flights.dataset(np.random.default_rng(1)), tmp_path / "C1.nc")
     (tmp_path / "C1.csv").write_text("mine")
-    status, said = invoke("export", "csv", str(tmp_path))
+    status, message = invoke("export", "csv", str(tmp_path))
     assert status == 2
-    assert "contains C1.csv, which colift did not write" in said
+    assert "contains C1.csv, which colift did not write" in message
     assert (tmp_path / "C1.csv").read_text() == "mine"
 
 
-def test_each_type_of_agent_is_written_as_urdf(tmp_path: Path):
+def test_each_agent_type_is_exported_as_urdf(tmp_path: Path):
     out = tmp_path / "made"
     result = CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(out)], catch_exceptions=False)
-    told = scenario.load_scenario("paper")
-    files = sorted(f"{kind}.urdf" for kind in told.agent_types)
+    settings = scenario.load_scenario("paper")
+    files = sorted(f"{kind}.urdf" for kind in settings.agent_types)
     assert (result.exit_code, result.output) == (0, f"{', '.join(files)} of paper: in {out}\n")
     assert sorted(path.name for path in out.iterdir()) == files
-    (kind,) = told.agent_types.values()
+    (kind,) = settings.agent_types.values()
     robot = urdf.load_urdf(out / files[0])
     assert [joint.name for joint in robot.joints] == [joint.name for joint in kind.joints]
     assert {f"{arm.name}_tip" for arm in kind.arms} < set(robot.links)
     back = urdf.make_agent(
-        robot, [f"{arm.name}_tip" for arm in kind.arms], told.agents[0].contact_positions_m, kind.thrust_max_N
+        robot, [f"{arm.name}_tip" for arm in kind.arms], settings.agents[0].contact_positions_m, kind.thrust_max_N
     )
-    for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(told).popitem()[1])), strict=True):
+    for found, expected in zip(*map(jax.tree.leaves, (back, team.agent_models(settings).popitem()[1])), strict=True):
         np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
@@ -300,14 +300,14 @@ def test_scenarios_are_listed():
     assert [line.split()[0] for line in result.output.splitlines()] == scenario.shipped_names()
 
 
-def test_a_shipped_scenario_is_shown_as_it_is_written():
+def test_shipped_scenario_is_printed_as_its_file():
     result = CliRunner().invoke(app, ["print-config", "paper"])
     assert result.exit_code == 0
     assert result.output == scenario.shipped_text("paper")
 
 
-def test_a_scenario_that_is_changed_or_of_a_file_is_shown(tmp_path: Path):
-    """A scenario that is changed or of a file is shown with every setting."""
+def test_changed_scenario_is_printed_with_all_settings(tmp_path: Path):
+    """A scenario with overrides, or one from a file, is printed with every setting."""
     result = CliRunner().invoke(app, ["print-config", "paper", "--set", "payload.mass_kg=2"])
     assert result.exit_code == 0
     assert scenario.parse(result.output, "shown") == scenario.load_scenario("paper", ("payload.mass_kg=2",))
@@ -322,10 +322,10 @@ SHORT = light.SAMPLE.learning.model_copy(update={"update_times_s": (1, 2), "end_
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short study of the smallest team with all rivals, from a file, under another seed."""
+    """Results of a short study of the smallest team with five cases, read from a file, with another seed."""
     folder = tmp_path_factory.mktemp("study")
     path = light.write(folder / "short.yaml", duration_s=3, learning=SHORT)
-    status, said = invoke(
+    status, message = invoke(
         "study",
         str(path),
         "--case",
@@ -337,12 +337,12 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "--out",
         str(folder / "out"),
     )
-    assert status == 0, said
+    assert status == 0, message
     return folder / "out"
 
 
-def test_a_study_leaves_what_it_promises_and_nothing_half(flown: Path):
-    """A study leaves what it promises and nothing half written."""
+def test_study_writes_all_files(flown: Path):
+    """A study writes all documented files and leaves no temporary file."""
     files = {path.name for path in flown.iterdir()}
     figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
     assert files >= {
@@ -354,7 +354,7 @@ def test_a_study_leaves_what_it_promises_and_nothing_half(flown: Path):
     assert not [name for name in files if name.startswith(".")]
 
 
-def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
+def test_every_file_contains_the_run_id(flown: Path):
     assert set(flown.iterdir()) == set(run_directory.list_files(flown, study.STUDY_FILES))
     run = json.loads((flown / "summary.json").read_text())["run"]
     settings = scenario.load_scenario(str(flown.parent / "short.yaml"))
@@ -365,7 +365,7 @@ def test_every_file_names_the_run_and_is_known_to_be_a_study_s(flown: Path):
     assert {run_directory.read_run_id(file) for file in flown.iterdir()} == {run}
 
 
-def test_the_summary_holds_what_it_promises(flown: Path):
+def test_summary_contains_all_documented_keys(flown: Path):
     summary = json.loads((flown / "summary.json").read_text())
     assert summary["seed"] == 7
     assert {"version", "scenario", "residual"} <= set(summary)
@@ -392,7 +392,7 @@ def test_the_summary_holds_what_it_promises(flown: Path):
         assert all(0 <= share <= 1 for body in bodies for share in body["violation_rate"].values())
 
 
-def test_signals_are_labelled_and_have_units(flown: Path):
+def test_signals_have_labels_and_units(flown: Path):
     flight = log.load(flown / "C3.nc")
     assert flight.attrs["case"] == "C3"
     assert flight.attrs["bound_assumptions"] == "rkhs norm, bounded noise energy, sensor noise, sampled estimator"
@@ -408,14 +408,14 @@ def test_signals_are_labelled_and_have_units(flown: Path):
     assert list(flight.contact.values) == [f"{name}/hook" for name in light.NAMES]
 
 
-# Flights that do not end, and answers at once -------------------------------------------------------------------------
+# Failed runs, and fast commands ---------------------------------------------------------------------------------------
 
 
-def test_a_study_can_be_played(flown: Path, tmp_path: Path):
+def test_study_can_be_played_back(flown: Path, tmp_path: Path):
     for case in ("C1", "parametric"):
         shutil.copy(flown / f"{case}.nc", tmp_path)
-    status, said = invoke("playback", str(tmp_path))
-    assert (status, said) == (0, "")
+    status, message = invoke("playback", str(tmp_path))
+    assert (status, message) == (0, "")
     assert run_directory.read_run_id(tmp_path / "view.html") == run_directory.read_run_id(flown / "C1.nc")
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
@@ -471,27 +471,27 @@ def test_a_run_that_fails_is_saved_marked_incomplete_and_status(tmp_path: Path):
     out.mkdir()
     for name in ("integral.nc", "figure_6_certificate.pdf", "notes"):
         (out / name).write_text(f"of another run: {run_directory.run_id('0.1.0', 'another')}")
-    status, said = invoke("study", str(path), "--out", str(out), "--replace")
+    status, message = invoke("study", str(path), "--out", str(out), "--replace")
     assert status == 1
-    assert f"{out} contains results of another run" in said
+    assert f"{out} contains results of another run" in message
     assert set(out.iterdir()) - set(run_directory.list_files(out, study.STUDY_FILES)) == {out / "notes"}
     assert not (out / "integral.nc").exists()
     summary = json.loads((out / "summary.json").read_text())
-    assert "warning: the loop is unstable at equilibrium" in said.partition("C1")[0]
+    assert "warning: the loop is unstable at equilibrium" in message.partition("C1")[0]
     for case in ("C1", "C2", "C3"):
         found = summary["cases"][case]
         assert not found["complete"]
         assert "beyond termination." in found["termination_reason"]
         assert "t = 0.0" in found["termination_reason"]
-        assert f"{case} is incomplete: {found['termination_reason']}" in said
+        assert f"{case} is incomplete: {found['termination_reason']}" in message
         flight = log.load(out / f"{case}.nc")
         assert flight.attrs["complete"] == 0
         assert flight.attrs["termination_reason"] == found["termination_reason"]
         assert 1 <= flight.sizes["time"] < 20
 
 
-def test_one_case_is_flown_alone_and_quietly_and_its_summary(tmp_path: Path, monkeypatch):
-    """One case is flown alone and quietly and its summary is printed as json."""
+def test_quiet_run_prints_its_summary_as_json(tmp_path: Path, monkeypatch):
+    """One case is simulated without progress output, and its summary is printed as JSON."""
     monkeypatch.chdir(tmp_path)
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.5,), "end_s": 0.6, "start_s": 0.1})
     light.write(tmp_path / "short.yaml", duration_s=1.0, learning=learning)
@@ -501,8 +501,8 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary(tmp_path: Path, mon
     assert list(summary["cases"]) == ["C1"]
     assert summary == json.loads((tmp_path / "out" / "sample-C1" / "summary.json").read_text())
     assert log.load(tmp_path / "out" / "sample-C1" / "C1.nc").attrs["complete"] == 1
-    asked = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
-    done = CliRunner().invoke(app, asked, catch_exceptions=False)
+    arguments = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
+    done = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert done.exit_code == 0
     assert (
         "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
@@ -513,11 +513,11 @@ def test_one_case_is_flown_alone_and_quietly_and_its_summary(tmp_path: Path, mon
     assert all(each["e_p_rms_m"] > 0 and each["termination_reason"] == "" for each in found["C1"].values())
     title = done.stdout.index("final model, frozen")
     assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
-    status, said = invoke("run", "short.yaml", "--case", "C9")
-    assert (status, said) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
+    status, message = invoke("run", "short.yaml", "--case", "C9")
+    assert (status, message) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
 
 
-def test_help_loads_nothing_that_it_does_not_need():
+def test_help_does_not_import_heavy_packages():
     code = (
         "import sys; from typer.testing import CliRunner; from colift.cli.app import app\n"
         "done = CliRunner().invoke(app, ['study', '--help'])\n"
@@ -534,7 +534,7 @@ def test_help_loads_nothing_that_it_does_not_need():
 
 
 def complete(*words: str) -> list[str]:
-    """What a shell offers in place of the last word."""
+    """Return the completions that a shell offers for the last word."""
     environment = {"COMP_WORDS": " ".join(("colift", *words)), "COMP_CWORD": str(len(words))}
     environment["_COLIFT_COMPLETE"] = "complete_bash"
     return CliRunner().invoke(app, [], prog_name="colift", env=environment).stdout.split()
@@ -545,28 +545,26 @@ def test_commands_scenarios_and_cases_complete_in_a_shell():
     assert complete("study", "pa") == [name for name in scenario.shipped_names() if name.startswith("pa")] != []
     assert complete("run", "paper", "--case", "C") == ["C1", "C2", "C3"]
     assert complete("playback", "out", "--case", "d") == ["disturbance_observer"]
-    said = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
-    assert "complete -o default -F _colift_completion colift" in said.stdout
+    message = CliRunner().invoke(app, [], prog_name="colift", env={"_COLIFT_COMPLETE": "source_bash"})
+    assert "complete -o default -F _colift_completion colift" in message.stdout
     assert "--install-completion" in CliRunner().invoke(app, ["--help"], env={"COLUMNS": "100"}).stdout
 
 
-# What is printed ------------------------------------------------------------------------------------------------------
+# Printed output -------------------------------------------------------------------------------------------------------
 
 
-def test_where_no_bar_can_be_drawn_a_case_says_when_it_begins(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    """Where no bar can be drawn a case says when it begins how far it is and when it ends."""
-    said = []
+def test_progress_lines_without_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    """Without a terminal, lines report the start of a case, its progress and its end."""
+    message = []
     for every in (1e9, 0.0):
         monkeypatch.setattr(study_commands, "PROGRESS_PERIOD", every)
         progress = study_commands.progress_lines({"C1": "no learning"}, 20.0)
         for t in (0.0, 0.5, 1.0, 20.0):
             progress("C1", t)
-        said.append(capsys.readouterr().err.splitlines())
+        message.append(capsys.readouterr().err.splitlines())
     ends = ["C1: no learning, 20 s to simulate", "C1: 20.0 of 20 s"]
-    assert said[0] == ends
-    assert said[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
+    assert message[0] == ends
+    assert message[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
 
 
 SHOW = """
@@ -586,37 +584,37 @@ command.main()
 
 
 def show(*arguments: str, **changed: object) -> subprocess.CompletedProcess[bytes]:
-    """The command line in a process of its own, with a command that only prints the table."""
+    """Run the command line in a child process with a command that only prints the table."""
     environment = {**os.environ, "COLUMNS": "120", **changed.pop("env", {})}  # ty: ignore
-    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
-    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **given)
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "check": False, "timeout": 120} | changed
+    return subprocess.run([sys.executable, "-c", SHOW, *(arguments or ("table",))], env=environment, **options)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252", "utf-8", "ascii:strict"])
-def test_whatever_letters_standard_output_has_the_table(encoding: str):
-    """Whatever letters standard output has the table is printed."""
+def test_table_is_printed_in_any_encoding(encoding: str):
+    """The table is printed in any encoding of the standard output."""
     done = show(env={"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"})
     assert (done.returncode, done.stderr) == (0, b"")
-    said = done.stdout.decode(encoding.split(":")[0])
-    assert "results in out" in said
-    assert ("e_λ" if encoding == "utf-8" else "e_lam") in said
+    message = done.stdout.decode(encoding.split(":")[0])
+    assert "results in out" in message
+    assert ("e_λ" if encoding == "utf-8" else "e_lam") in message
 
 
-def test_in_a_locale_without_unicode_the_table_is_printed():
+def test_table_is_printed_in_c_locale():
     done = show(env={"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"})
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"e_lam" in done.stdout
 
 
-def test_ctrl_c_before_the_command_line_is_read_ends(tmp_path: Path):
-    """Ctrl c before the command line is read ends it without a traceback."""
+def test_ctrl_c_during_startup_has_no_traceback(tmp_path: Path):
+    """Ctrl-C before the command line is parsed ends the process without a traceback."""
     (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n")
     done = show(env={"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])})
     assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
 
 
-def test_a_reader_who_has_gone_is_no_failure():
-    """As under `colift study paper | head -1`."""
+def test_closed_pipe_is_no_failure():
+    """A closed pipe, as of `colift study paper | head -1`, gives status 0."""
     reader, writer = os.pipe()
     os.close(reader)
     done = show(stdout=writer)
@@ -626,7 +624,7 @@ def test_a_reader_who_has_gone_is_no_failure():
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
 @pytest.mark.parametrize("argument", ["table", "--help", "list"])
-def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
+def test_output_to_full_disk_gives_one_line_and_status_1(argument: str):
     with Path("/dev/full").open("w") as full:
         done = show(argument, stdout=full)
     assert done.returncode == 1
@@ -634,7 +632,7 @@ def test_standard_output_on_a_full_disk_is_one_line_and_status_1(argument: str):
     assert done.stderr.decode() == f"cannot print: No space left on device{lost}\n"
 
 
-def test_without_standard_output_nothing_fails():
+def test_closed_standard_output_is_no_failure():
     closed = ["sh", "-c", 'exec "$@" >&-', "sh", sys.executable, "-c", SHOW, "table"]
     done = subprocess.run(closed, capture_output=True, check=False, timeout=120)
     assert (done.returncode, done.stderr) == (0, b"")

@@ -1,4 +1,4 @@
-"""The search for what breaks a certificate: what it tries, that it finds what is broken, and what it prints."""
+"""Tests of the falsification search: trials, detection of invalid bounds, and output."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from tests.support.certified_flights import made, short
 
 @pytest.fixture
 def certified(monkeypatch) -> None:
-    """The scenario's flight is the one there is."""
+    """Replace the certified flight by a stored one."""
     of = made()
     monkeypatch.setattr(certification, "certify", lambda *_, **__: of)
 
 
-def test_a_round_is_every_kind_once_and_each_follows():
-    """A round is every kind once and each follows from its name."""
+def test_round_has_every_kind_and_names_are_reproducible():
+    """A round has each kind of trial once, and a trial follows from its name."""
     names = falsification.trial_names(short(), 2)
     assert (
         len(set(names)) == len(names) == 2 * (len(falsification.RESIDUAL_TRIALS) + len(falsification.SCENARIO_TRIALS))
@@ -48,24 +48,24 @@ def test_a_round_is_every_kind_once_and_each_follows():
             list(falsification.falsify(hover, [name]))
 
 
-def test_unknown_forces_that_norm_and_labels_allow_break(certified):
-    """Unknown forces that norm and labels allow break no radius."""
-    tries = [f"worst_case_{name}" for name in ("e_p:0", "e_omega:1")]
-    tries += ["random_functional:0", "sinusoidal_functional:0", "sinusoidal_functional:1"]
-    found = list(falsification.falsify(short(), tries))
-    assert [one.name for one in found] == tries
+def test_admissible_residuals_violate_no_bound(certified):
+    """Residuals that norm and labels allow violate no bound."""
+    trials = [f"worst_case_{name}" for name in ("e_p:0", "e_omega:1")]
+    trials += ["random_functional:0", "sinusoidal_functional:0", "sinusoidal_functional:1"]
+    found = list(falsification.falsify(short(), trials))
+    assert [one.name for one in found] == trials
     for one in found:
         assert set(one.observed_over_bound) == set(ERRORS)
         assert not one.is_violated, one
         assert one.num_components == made().certificate.errors.size
         assert one.overrides == ()
-    assert found[0].observed_over_bound["e_p"] > 0.3  # the adversary comes near
+    assert found[0].observed_over_bound["e_p"] > 0.3  # close to the bound
     assert found[3].observed_over_bound != found[4].observed_over_bound
-    assert next(falsification.falsify(short(), tries[3:4])) == found[3]
+    assert next(falsification.falsify(short(), trials[3:4])) == found[3]
 
 
-def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
-    """With a tenth of the radius and of the spans' width the worst unknown is beyond both."""
+def test_too_small_bounds_are_falsified(certified, monkeypatch):
+    """With bounds and intervals scaled by 0.1 the worst-case residual violates both."""
     of = made().certificate
     recovery = of.ultimate_bounds["recovery"]
     small = dataclasses.replace(recovery, a_priori={error: 0.1 * x for error, x in recovery.a_priori.items()})
@@ -87,7 +87,7 @@ def test_a_radius_that_is_too_small_is_found_out(certified, monkeypatch):
     assert one.num_components_outside > 0
 
 
-def test_a_run_that_ends_early_within_finite_radii_breaks_them(certified, monkeypatch):
+def test_early_termination_violates_finite_bounds(certified, monkeypatch):
     def ends(*_, **__):
         raise linearized_trajectory.TerminatedEarly("the nominal trajectory ended at t = 1 s: distance")
 
@@ -100,10 +100,10 @@ def test_a_run_that_ends_early_within_finite_radii_breaks_them(certified, monkey
 
 @pytest.mark.parametrize("kind", falsification.SCENARIO_TRIALS)
 @pytest.mark.parametrize("name", ["certified", "paper", "trio"])
-def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
-    """Every change is read, three rounds of them differ, and nothing else is another."""
+def test_trials_change_only_the_stated_settings(name, kind):
+    """Every override is accepted, three rounds differ, and all other settings are unchanged."""
     settings = scenario.load_scenario(name)
-    seen = set()
+    changes_of_rounds = set()
     for k in range(3):
         rng = falsification.random_generator(settings.seed, kind, k)
         changes = falsification.SCENARIO_TRIALS[kind](settings, k, rng)
@@ -112,12 +112,12 @@ def test_other_flights_are_scenarios_that_differ_where_they_say(name, kind):
         for section, value in settings:
             assert section in sections or getattr(changed, section) == value
         assert changed != settings or kind == "sensor_noise"
-        seen.add(tuple(changes))
-    assert len(seen) == 3
+        changes_of_rounds.add(tuple(changes))
+    assert len(changes_of_rounds) == 3
 
 
-def test_another_flight_is_held_against_its_own_radii(monkeypatch):
-    """Another flight is held against its own radii and refused in words."""
+def test_trial_uses_bounds_of_its_own_flight(monkeypatch):
+    """A trial with another flight is compared with that flight's bounds; a refusal is reported as a message."""
     of = certified_flights.late()
     monkeypatch.setattr(certification, "certify", lambda *_, **__: of)
     one = next(falsification.falsify(short(), ["late_update:0"]))
@@ -135,9 +135,9 @@ def test_another_flight_is_held_against_its_own_radii(monkeypatch):
     assert (one.observed_over_bound, one.is_violated) == ({}, False)
 
 
-def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeypatch):
+def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
     ratios = {"e_p": 0.5, "e_v": 0.25, "e_R": 0.125, "e_omega": 0.0625}
-    given = [
+    trials = [
         falsification.FalsificationTrial("random_functional:0", (), ratios, 0, 12, ""),
         falsification.FalsificationTrial(
             "initial_state:0", ("initial_state.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""
@@ -145,9 +145,9 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
         falsification.FalsificationTrial("seed:0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
         falsification.FalsificationTrial("control_rate:0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
     ]
-    monkeypatch.setattr(falsification, "falsify", lambda *_: iter(given))
-    asked = ["falsify", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app.app, asked, catch_exceptions=False)
+    monkeypatch.setattr(falsification, "falsify", lambda *_: iter(trials))
+    arguments = ["falsify", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app.app, arguments, catch_exceptions=False)
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     again = "certified --set duration_s=30"
@@ -159,14 +159,14 @@ def test_what_was_tried_is_told_with_how_to_repeat_it_and_kept(tmp_path, monkeyp
     assert "control_rate:0: refused: too slow" in lines
     assert "1 of 3 trials that have bounds violate one: initial_state:0" in lines
     kept = json.loads((tmp_path / "falsification.json").read_text())
-    assert [one["name"] for one in kept["trials"]] == [one.name for one in given]
+    assert [one["name"] for one in kept["trials"]] == [one.name for one in trials]
     assert kept["schema"] == 2
     assert kept["trials"][1]["observed_over_bound"]["e_v"] == 1.5
     assert Path(tmp_path / "falsification.json").read_text().count(kept["run"]) == 1
 
 
-def test_a_name_that_is_no_try_is_said_with_those_that_are(tmp_path):
-    asked = ["falsify", "certified", "--trial", "worst", "--out", str(tmp_path)]
-    result = CliRunner().invoke(app.app, asked)
+def test_unknown_trial_is_refused_with_known_names(tmp_path):
+    arguments = ["falsify", "certified", "--trial", "worst", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app.app, arguments)
     assert result.exit_code == 2
     assert "unknown trial worst: must be KIND:NUMBER with one of the kinds worst_case_e_p" in result.stderr

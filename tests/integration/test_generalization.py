@@ -1,4 +1,4 @@
-"""Paths that no map has seen: what they are, and what flies there."""
+"""Tests of the held-out trajectories and of simulations on them with a frozen model."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from colift.workflows import generalization
 from tests.support import small_team as light
 
 
-def test_paths_are_the_same_curve_backwards_larger_and_moved():
+def test_heldout_paths_are_reversed_scaled_and_shifted():
     settings = light.settings()
     own = trajectories.make_reference(settings)
     other = {
-        name: trajectories.make_reference(there) for name, there in generalization.held_out_scenarios(settings).items()
+        name: trajectories.make_reference(heldout)
+        for name, heldout in generalization.held_out_scenarios(settings).items()
     }
     assert list(other) == list(generalization.TRAJECTORY_VARIANTS)
-    given = settings.reference
-    assert isinstance(given, Lissajous)
+    lissajous = settings.reference
+    assert isinstance(lissajous, Lissajous)
     center, amplitude, period, phase = map(
-        np.array, (given.center_m, given.amplitude_m, given.period_s, given.phase_deg)
+        np.array, (lissajous.center_m, lissajous.amplitude_m, lissajous.period_s, lissajous.phase_deg)
     )
-    for t in given.ramp_time_s + np.linspace(0, 7, 23):
+    for t in lissajous.ramp_time_s + np.linspace(0, 7, 23):
         at = own.evaluate(jnp.asarray(t))
         found = {name: each.evaluate(jnp.asarray(t)) for name, each in other.items()}
         back = center + amplitude * np.sin(-2 * np.pi * t / period + np.deg2rad(phase))
@@ -34,25 +35,25 @@ def test_paths_are_the_same_curve_backwards_larger_and_moved():
         np.testing.assert_allclose(found["moved"].p, at.p + np.array([0.3, 0, 0]), atol=1e-12)
 
 
-def test_a_reference_that_is_no_such_curve_is_refused():
+def test_other_reference_kinds_are_refused():
     poses = [{"time_s": 0.0, "position_m": [0.0, 0.0, 1.0]}, {"time_s": 4.0, "position_m": [1.0, 0.0, 1.0]}]
-    told = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
+    data = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
     with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
-        generalization.held_out_scenarios(Scenario.model_validate(told))
+        generalization.held_out_scenarios(Scenario.model_validate(data))
 
 
 @pytest.mark.long
-def test_what_flies_there_has_the_map_and_learns_no_more():
+def test_frozen_model_is_used_without_updates():
     settings = light.settings()
-    plan = experiment.make_experiment(settings, "C3")
-    first = flight.run_experiment(plan)
-    there = generalization.freeze_model(
+    first_experiment = experiment.make_experiment(settings, "C3")
+    first = flight.run_experiment(first_experiment)
+    heldout = generalization.freeze_model(
         generalization.held_out_experiments(settings, ("C3",))["moved"]["C3"], first.model
     )
-    second = flight.run_experiment(there)
+    second = flight.run_experiment(heldout)
     assert not second.updates
     assert not second.termination_reason
     assert second.model is first.model
     error = np.abs(second.records.f_L_hat).max()
-    assert error > 0, "the map speaks from the start"
+    assert error > 0, "the frozen model predicts from the first step"
     assert np.abs(first.records.f_L_hat[:2]).max() == 0

@@ -1,4 +1,4 @@
-"""One aerial manipulator against Pinocchio, MuJoCo, and its own derivatives."""
+"""Tests of one aerial manipulator against Pinocchio, MuJoCo and numerical derivatives."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ SEEDS = range(4)
 
 
 @jax.jit
-def everything(agent: AerialManipulator, state: AgentState) -> dict[str, object]:
-    """All that the module says about a state, compiled once a tree."""
+def all_quantities(agent: AerialManipulator, state: AgentState) -> dict[str, object]:
+    """Return all quantities of the module at a state, compiled once per tree."""
     g = aerial_manipulator.forward_kinematics(agent, state.r)
     q = aerial_manipulator.centroidal_model(agent, g)
     h, kappa = aerial_manipulator.bias_forces(agent, g, q, state.omega, state.r_dot)
@@ -71,9 +71,9 @@ def case(request: pytest.FixtureRequest) -> SimpleNamespace:
     rng = np.random.default_rng(seed)
     agent, state = teams.agent(rng, tree), teams.agent_state(rng, tree)
     arrays = take(teams.stack([agent]), 0), take(teams.stack([state]), 0)
-    said = SimpleNamespace(**everything(agent, state))
+    ours = SimpleNamespace(**all_quantities(agent, state))
     return SimpleNamespace(
-        agent=agent, state=state, arrays=arrays, xi=np.r_[arrays[1].omega, arrays[1].r_dot], **vars(said)
+        agent=agent, state=state, arrays=arrays, xi=np.r_[arrays[1].omega, arrays[1].r_dot], **vars(ours)
     )
 
 
@@ -98,8 +98,8 @@ def test_reduced_mass_matrix_is_the_schur_complement_of_M0(case: SimpleNamespace
     np.testing.assert_allclose(M[:3, 3:], m * np.hstack([-np.asarray(so3.hat(jnp.array(s))), case.J_s]), atol=1e-14)
 
 
-def test_mass_matrix_and_accelerations_are_mujocos(case: SimpleNamespace) -> None:
-    gravity = np.array([0.3, -0.2, -9.81])  # falls out of (mu, nu): it acts on the centre of mass
+def test_mass_matrix_and_accelerations_equal_mujoco(case: SimpleNamespace) -> None:
+    gravity = np.array([0.3, -0.2, -9.81])  # has no effect on (mu, nu): it acts on the center of mass
     mujoco_agent = MujocoAgent(case.arrays[0], gravity)
     mujoco_agent.set(case.arrays[1])
     M, R = mujoco_agent.mass_matrix(), case.arrays[1].R
@@ -111,18 +111,18 @@ def test_mass_matrix_and_accelerations_are_mujocos(case: SimpleNamespace) -> Non
     np.testing.assert_allclose(xi_dot, mujoco_agent.xi_dot(Q), rtol=1e-8, atol=1e-8)
 
 
-def test_bias_is_pinocchios(case: SimpleNamespace) -> None:
-    """`h` from Pinocchio's inverse dynamics at the acceleration that leaves `xi` and the centre of mass alone."""
+def test_bias_forces_equal_pinocchio(case: SimpleNamespace) -> None:
+    """`h` from Pinocchio's inverse dynamics at the acceleration that keeps `xi` and the center of mass constant."""
     free, q, v = pinocchio(case)
     a = np.zeros(free.model.nv)
     pin.centerOfMass(free.model, free.data, q, v, a)
     a[:3] = -case.arrays[1].R.T @ free.data.acom[0]
     free.model.gravity.linear = np.zeros(3)
     tau = pin.rnea(free.model, free.data, q, v, a)
-    np.testing.assert_allclose(case.h, free.to_ours(tau), atol=1e-12)
+    np.testing.assert_allclose(case.h, free.to_colift(tau), atol=1e-12)
 
 
-def test_tips_and_centre_of_mass_are_pinocchios(case: SimpleNamespace) -> None:
+def test_tips_and_center_of_mass_equal_pinocchio(case: SimpleNamespace) -> None:
     free, q, v = pinocchio(case)
     pin.framesForwardKinematics(free.model, free.data, q)
     np.testing.assert_allclose(case.tips, [free.data.oMf[f].translation for f in free.tips], atol=1e-14)
@@ -151,8 +151,8 @@ def test_momenta_obey_the_papers_equation(case: SimpleNamespace) -> None:
     np.testing.assert_allclose(case.M_bar_dot @ case.xi - case.h, case.drift, atol=1e-12)
 
 
-def test_drift_by_finite_differences(case: SimpleNamespace) -> None:
-    """Kinetic energy of the paper's reduced coordinates, differenced: the second row of Eq. nom_momentum."""
+def test_drift_equals_finite_differences(case: SimpleNamespace) -> None:
+    """Second row of Eq. nom_momentum by finite differences of the kinetic energy in the paper's reduced coordinates."""
     step, r, xi = 1e-5, np.asarray(case.state.r), case.xi
 
     def energy(offset: np.ndarray) -> float:
@@ -169,8 +169,8 @@ def mass_matrix(agent: AerialManipulator, r: jax.Array) -> jax.Array:
     return aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r)).M_bar
 
 
-def test_angular_momentum_is_pinocchios(case: SimpleNamespace) -> None:
-    """`mu` is the angular momentum about the centre of mass, in the base frame."""
+def test_angular_momentum_equals_pinocchio(case: SimpleNamespace) -> None:
+    """`mu` is the angular momentum about the center of mass, in the base frame."""
     free, q, v = pinocchio(case)
     h = pin.computeCentroidalMomentum(free.model, free.data, q, v)
     np.testing.assert_allclose(case.momenta[:3], case.arrays[1].R.T @ h.angular, atol=1e-13)

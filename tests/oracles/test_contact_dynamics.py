@@ -1,4 +1,4 @@
-"""The plant against Pinocchio's dense solution, and what the equations themselves promise."""
+"""Tests of the rigid-contact plant against Pinocchio's dense solution and its own conservation laws."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MIXED = teams.POOL[5]  # (n, n_r) = (2, 3), (1, 3), (3, 7) together
 
 
 def random_forces(rng: np.random.Generator, team: Team) -> tuple[tuple[AgentInput, ...], ResidualForces]:
-    """Random inputs about hover and random residual forces on every body."""
+    """Return random inputs about hover and random residual forces on every body."""
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
     shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.agent_groups, strict=True)]
     inputs = tuple(AgentInput(u=20 + 5 * draw(n), tau=draw(n, 3), tau_r=draw(n, k)) for n, k in shapes)
@@ -36,36 +36,36 @@ def random_forces(rng: np.random.Generator, team: Team) -> tuple[tuple[AgentInpu
 
 
 def random_team(seed: int, structure: tuple) -> tuple[Team, State]:
-    """A random team of the structure at a random state on its grasp."""
+    """Return a random team of a structure at a random state on its grasp."""
     rng = np.random.default_rng(seed)
     return PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
 
 
-def relative(a: np.ndarray, b: np.ndarray) -> float:
-    """The largest error over the largest entry."""
+def relative_error(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the largest error divided by the largest entry."""
     return float(np.abs(np.asarray(a) - b).max() / np.abs(b).max())
 
 
 @pytest.mark.parametrize("structure", teams.POOL)
 @pytest.mark.parametrize("seed", range(8))
-def test_accelerations_and_contact_forces_are_pinocchios(structure: tuple, seed: int) -> None:
+def test_accelerations_and_forces_equal_pinocchio(structure: tuple, seed: int) -> None:
     team, z = random_team(seed, structure)
     inputs, f = random_forces(np.random.default_rng(seed + 1000), team)
-    expected = PinocchioTeam(team).accelerate(z, inputs, f)
+    expected = PinocchioTeam(team).solve_kkt(z, inputs, f)
     a, lam = accelerate(team, z, inputs, f)
 
     allowed = 1e-9 if expected.condition <= 1e6 else 1e-15 * expected.condition
     v_dot = np.concatenate([np.asarray(group.v_dot) for group in a.agents])
     xi_dot = [xi for group in a.agents for xi in np.asarray(group.xi_dot)]
-    assert relative(grasp.stack_contacts(lam), expected.lam) < allowed
-    assert relative(a.payload, expected.payload) < allowed
-    assert relative(v_dot, np.array(expected.v_dot)) < allowed
+    assert relative_error(grasp.stack_contacts(lam), expected.lam) < allowed
+    assert relative_error(a.payload, expected.payload) < allowed
+    assert relative_error(v_dot, np.array(expected.v_dot)) < allowed
     for ours, theirs in zip(xi_dot, expected.xi_dot, strict=True):
-        assert relative(ours, theirs) < allowed
+        assert relative_error(ours, theirs) < allowed
 
 
-def turned(team: Team, z: State, f: ResidualForces, R: np.ndarray) -> tuple[Team, State, ResidualForces]:
-    """The same team, state and forces seen from a world frame turned by R."""
+def rotate_world(team: Team, z: State, f: ResidualForces, R: np.ndarray) -> tuple[Team, State, ResidualForces]:
+    """Return the same team, state and forces in a world frame rotated by R."""
     R = jnp.array(R)
     agents = tuple(dataclasses.replace(a, R=R @ a.R, x=a.x @ R.T, v=a.v @ R.T) for a in z.agents)
     load = dataclasses.replace(z.payload, R=R @ z.payload.R, p=R @ z.payload.p, v=R @ z.payload.v)
@@ -76,21 +76,21 @@ def turned(team: Team, z: State, f: ResidualForces, R: np.ndarray) -> tuple[Team
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_choice_of_world_frame_does_not_matter(seed: int) -> None:
+def test_dynamics_are_independent_of_the_world_frame(seed: int) -> None:
     team, z = random_team(seed, MIXED)
     inputs, f = random_forces(np.random.default_rng(seed), team)
     R = teams.rotation(np.random.default_rng(seed + 1))
     a, lam = accelerate(team, z, inputs, f)
-    team, z, f = turned(team, z, f, R)
+    team, z, f = rotate_world(team, z, f, R)
     b, lam_turned = accelerate(team, z, inputs, f)
-    assert relative(grasp.stack_contacts(lam_turned), np.asarray(grasp.stack_contacts(lam)) @ R.T) < 1e-11
-    assert relative(b.payload[3:], np.asarray(a.payload[3:])) < 1e-11
-    assert relative(b.payload[:3], R @ np.asarray(a.payload[:3])) < 1e-11
+    assert relative_error(grasp.stack_contacts(lam_turned), np.asarray(grasp.stack_contacts(lam)) @ R.T) < 1e-11
+    assert relative_error(b.payload[3:], np.asarray(a.payload[3:])) < 1e-11
+    assert relative_error(b.payload[:3], R @ np.asarray(a.payload[:3])) < 1e-11
     for before, after in zip(a.agents, b.agents, strict=True):
-        assert relative(after.xi_dot, np.asarray(before.xi_dot)) < 1e-11
+        assert relative_error(after.xi_dot, np.asarray(before.xi_dot)) < 1e-11
 
 
-def test_how_agents_are_grouped_does_not_matter() -> None:
+def test_dynamics_are_independent_of_agent_grouping() -> None:
     team, z = random_team(0, teams.POOL[2])
     inputs, f = random_forces(np.random.default_rng(0), team)
     _, lam = accelerate(team, z, inputs, f)
@@ -102,21 +102,21 @@ def test_how_agents_are_grouped_does_not_matter() -> None:
     z = dataclasses.replace(z, agents=apart(z.agents))
     f = dataclasses.replace(f, agents=apart(f.agents))
     _, lam_apart = accelerate(split, z, apart(inputs), f)
-    assert relative(grasp.stack_contacts(lam_apart), np.asarray(grasp.stack_contacts(lam))) < 1e-12
+    assert relative_error(grasp.stack_contacts(lam_apart), np.asarray(grasp.stack_contacts(lam))) < 1e-12
 
 
-# The manifold ------------------------------------------------------------------------------------------------------
+# Constraint manifold -----------------------------------------------------------------------------------------------
 
 
-def strayed(z: State, size: float, seed: int = 0) -> State:
-    """A state off the grasp by about `size` in every coordinate."""
+def off_grasp_state(z: State, size: float, seed: int = 0) -> State:
+    """Return a state off the grasp by about `size` in every coordinate."""
     rng = np.random.default_rng(seed)
     shift = jax.tree.map(lambda x: jnp.array(size * rng.normal(size=x.shape)), contact_dynamics.zero_tangent(z))
     return jax.jit(contact_dynamics.retract)(z, shift)
 
 
-def off(team: Team, z: State) -> float:
-    """The largest constraint residual, m or m/s."""
+def max_constraint_residual(team: Team, z: State) -> float:
+    """Return the largest constraint residual [m or m/s]."""
     return max(float(jnp.abs(residual(team, z)).max()) for residual in (Phi, Phi_dot))
 
 
@@ -124,13 +124,13 @@ Phi, Phi_dot = jax.jit(grasp.constraint_residual), jax.jit(grasp.constraint_rate
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[2], MIXED])
-def test_projection_converges_quadratically_and_stays(structure: tuple) -> None:
+def test_projection_converges_quadratically(structure: tuple) -> None:
     team, z = random_team(1, structure)
-    near = strayed(z, 1e-4)
-    start, errors = off(team, near), []
+    near = off_grasp_state(z, 1e-4)
+    start, errors = max_constraint_residual(team, near), []
     for _ in range(4):
         near = project(team, near)
-        errors.append(off(team, near))
+        errors.append(max_constraint_residual(team, near))
     assert errors[0] < 1e3 * start**2
     assert errors[-1] < 1e-13
     again = project(team, near)
@@ -139,26 +139,26 @@ def test_projection_converges_quadratically_and_stays(structure: tuple) -> None:
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[2], MIXED])
-def test_projected_velocities_are_the_nearest_in_the_mass_metric(structure: tuple) -> None:
+def test_projected_velocities_are_nearest_in_mass_metric(structure: tuple) -> None:
     """`v - M^-1 A^T (A M^-1 A^T)^-1 A v`, dense."""
     team, z = random_team(2, structure)
-    oracle = PinocchioTeam(team)
-    q, v = oracle.coordinates(z)
+    model = PinocchioTeam(team)
+    q, v = model.coordinates(z)
     fast = v + np.random.default_rng(3).normal(size=v.shape)
-    M, A = oracle.mass_matrix(q), oracle.jacobian(q)
+    M, A = model.mass_matrix(q), model.jacobian(q)
     nearest = fast - np.linalg.solve(M, A.T @ np.linalg.solve(A @ np.linalg.solve(M, A.T), A @ fast))
-    expected, found = oracle.state(z, nearest), project(team, oracle.state(z, fast))
+    expected, found = model.state(z, nearest), project(team, model.state(z, fast))
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-10)
 
 
-def test_consistent_start_from_a_guess_holds_payload() -> None:
-    """Consistent start from a guess holds payload and attitudes."""
+def test_consistent_start_keeps_payload_and_attitudes() -> None:
+    """The consistent initial state keeps the payload state and the attitudes of the guess."""
     team, guess = teams.reference_team(), teams.reference_guess()
     load = dataclasses.replace(guess.payload, v=jnp.array([1.0, 0.5, 0.2]), omega=jnp.array([0.1, 0.0, 0.3]))
     guess = dataclasses.replace(guess, payload=load)
     z = contact_dynamics.consistent_initial_state(team, guess)
-    assert off(team, z) <= 1e-12
+    assert max_constraint_residual(team, z) <= 1e-12
     np.testing.assert_allclose(z.payload.p, load.p, atol=1e-6)
     np.testing.assert_allclose(z.payload.v, load.v, atol=1e-4)
     np.testing.assert_allclose(z.agents[0].R, guess.agents[0].R, atol=1e-2)
@@ -167,10 +167,13 @@ def test_consistent_start_from_a_guess_holds_payload() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_consistent_start_of_random_teams(seed: int) -> None:
     team, z = random_team(seed, MIXED)
-    assert off(team, contact_dynamics.consistent_initial_state(team, strayed(z, 0.02, seed))) <= 1e-12
+    assert (
+        max_constraint_residual(team, contact_dynamics.consistent_initial_state(team, off_grasp_state(z, 0.02, seed)))
+        <= 1e-12
+    )
 
 
-def test_start_out_of_reach_is_refused_with_what_remains() -> None:
+def test_unreachable_start_is_refused_with_the_residual() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
     far = dataclasses.replace(
         team.agent_groups[0], contact_position=team.agent_groups[0].contact_position.at[1].mul(3.0)
@@ -182,7 +185,7 @@ def test_start_out_of_reach_is_refused_with_what_remains() -> None:
     assert "1e-12 m" in str(e.value)
 
 
-def test_start_that_is_no_rotation_is_refused() -> None:
+def test_start_without_rotation_matrix_is_refused() -> None:
     team, guess = teams.reference_team(), teams.reference_guess()
     bent = dataclasses.replace(guess, agents=(dataclasses.replace(guess.agents[0], R=-guess.agents[0].R),))
     with pytest.raises(ValueError, match="the attitude R of rear is not a rotation matrix"):
@@ -192,7 +195,7 @@ def test_start_that_is_no_rotation_is_refused() -> None:
 # Motion ------------------------------------------------------------------------------------------------------------
 
 
-def test_energy_and_momentum_functions_are_pinocchios() -> None:
+def test_energy_and_momentum_equal_pinocchio() -> None:
     team, z = random_team(4, MIXED)
     kinetic, potential = jax.jit(motion.energy)(team, z)
     expected = PinocchioTeam(team).energy(z)
@@ -202,9 +205,9 @@ def test_energy_and_momentum_functions_are_pinocchios() -> None:
 
 @pytest.mark.parametrize("projected", [True, False])
 @pytest.mark.parametrize("falling", [1.0, 0.0])
-def test_energy_and_momentum_are_kept(falling: float, projected: bool) -> None:
-    """2 s here, 10 s and more teams in `./dev evidence plant`."""
-    team, z = motion.thrown_reference(0)
+def test_energy_and_momentum_are_conserved(falling: float, projected: bool) -> None:
+    """Over 2 s; `./dev evidence plant` tests 10 s and more teams."""
+    team, z = motion.moving_reference_team(0)
     team = dataclasses.replace(team, gravity=falling * team.gravity)
     _, seen = motion.track(team, z, jnp.array(1e-3), jnp.array(projected), samples=20, every=100)
     seen = {name: np.asarray(value) for name, value in seen.items()}
@@ -221,8 +224,8 @@ def test_energy_and_momentum_are_kept(falling: float, projected: bool) -> None:
     assert seen["rough"][-1] < 1e-9 * seen["kinetic"].max()
 
 
-def test_the_state_moves_as_the_equations_say() -> None:
-    """`R_dot = R hat(omega)`, `x_dot = v`, `v_dot` and `xi_dot` of `accelerate`: a step forward less a step back."""
+def test_central_difference_of_steps_equals_state_rate() -> None:
+    """A step forward minus a step back: `R_dot = R hat(omega)`, `x_dot = v`, `v_dot` and `xi_dot` of the dynamics."""
     team, z = random_team(3, ((teams.SLIDING_ARM, 2),))
     inputs, f = random_forces(np.random.default_rng(3), team)
     a, _ = accelerate(team, z, inputs, f)
@@ -231,20 +234,20 @@ def test_the_state_moves_as_the_equations_say() -> None:
     parts = [(z.payload, ahead.payload, behind.payload, a.payload[:3], a.payload[3:])]
     for now, after, before, b in zip(z.agents, ahead.agents, behind.agents, a.agents, strict=True):
         parts.append((now, after, before, b.v_dot, b.xi_dot[:, :3]))
-        assert relative((after.r - before.r) / (2 * h), np.asarray(now.r_dot)) < 1e-4
-        assert relative((after.r_dot - before.r_dot) / (2 * h), np.asarray(b.xi_dot[:, 3:])) < 1e-4
+        assert relative_error((after.r - before.r) / (2 * h), np.asarray(now.r_dot)) < 1e-4
+        assert relative_error((after.r_dot - before.r_dot) / (2 * h), np.asarray(b.xi_dot[:, 3:])) < 1e-4
     for now, after, before, v_dot, omega_dot in parts:
         place = lambda q: getattr(q, "x", getattr(q, "p", None))  # noqa: E731  agents have x, the payload p
         turned = np.asarray(now.R) @ np.asarray(so3.hat(now.omega))
-        assert relative((after.R - before.R) / (2 * h), turned) < 1e-4
-        assert relative((place(after) - place(before)) / (2 * h), np.asarray(now.v)) < 1e-4
-        assert relative((after.v - before.v) / (2 * h), np.asarray(v_dot)) < 1e-4
-        assert relative((after.omega - before.omega) / (2 * h), np.asarray(omega_dot)) < 1e-4
+        assert relative_error((after.R - before.R) / (2 * h), turned) < 1e-4
+        assert relative_error((place(after) - place(before)) / (2 * h), np.asarray(now.v)) < 1e-4
+        assert relative_error((after.v - before.v) / (2 * h), np.asarray(v_dot)) < 1e-4
+        assert relative_error((after.omega - before.omega) / (2 * h), np.asarray(omega_dot)) < 1e-4
 
 
 def test_order_of_convergence() -> None:
-    """Four in the state, at least three in the contact forces, over five step sizes."""
-    slopes = motion.convergence(*motion.thrown_reference(1), seed=1, projected=True)
+    """Order four in the state and at least three in the contact forces, over five step sizes."""
+    slopes = motion.convergence(*motion.moving_reference_team(1), seed=1, projected=True)
     assert slopes["state"] == pytest.approx(4, abs=0.15)
     assert slopes["force"] > 3
 
@@ -254,7 +257,7 @@ def test_order_of_convergence() -> None:
 
 @pytest.mark.long
 def test_gradients_through_steps() -> None:
-    """Forward and reverse mode against central differences; 1 s of the reference team in `./dev evidence plant`."""
+    """Forward and reverse mode against central differences; `./dev evidence plant` tests 1 s of the reference team."""
     team, z = random_team(0, ((teams.SLIDING_ARM, 2),))
     error = motion.gradient_errors(team, z, seed=0, steps=50)
     assert error["forward"] < 1e-6

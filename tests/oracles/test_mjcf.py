@@ -1,4 +1,4 @@
-"""The exported model, as MuJoCo reads it: bodies, names, coordinates, mass matrices, contacts, the command."""
+"""Tests of the exported MuJoCo model: bodies, names, coordinates, mass matrices, contacts and command."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STRUCTURES = (teams.POOL[1], teams.POOL[3], teams.POOL[4])
 
 
 def loaded(text: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """The model and its data at the keyframe, all that follows from it computed."""
+    """Return the loaded model and its data at the keyframe after `mj_forward`."""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
@@ -45,7 +45,7 @@ def case(request: pytest.FixtureRequest) -> SimpleNamespace:
     return SimpleNamespace(team=team, z=z, model=model, data=data, agents=agents)
 
 
-def test_the_keyframe_is_the_state(case: SimpleNamespace) -> None:
+def test_keyframe_equals_the_state(case: SimpleNamespace) -> None:
     d, load = case.data, case.z.payload
     for j, (agent, q) in enumerate(case.agents):
         base = d.body(f"agent {j + 1}")
@@ -62,7 +62,7 @@ def test_the_keyframe_is_the_state(case: SimpleNamespace) -> None:
     np.testing.assert_array_equal(free.qvel, np.concatenate([load.v, load.omega]))
 
 
-def test_masses_and_inertias_are_ours(case: SimpleNamespace) -> None:
+def test_masses_and_inertias_equal_those_of_colift(case: SimpleNamespace) -> None:
     m = case.model
     for j, (agent, _) in enumerate(case.agents):
         names = [f"agent {j + 1}", *(f"agent {j + 1}/joint {k + 1}" for k in range(agent.tree.joints))]
@@ -78,14 +78,14 @@ def test_masses_and_inertias_are_ours(case: SimpleNamespace) -> None:
 
 
 def inertia(body: object) -> np.ndarray:
-    """About the centre of mass, in the body's frame, from MuJoCo's principal axes."""
+    """Return the inertia about the center of mass in the body frame, from MuJoCo's principal axes."""
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, body.iquat)
     return R.reshape(3, 3) @ np.diag(body.inertia) @ R.reshape(3, 3).T
 
 
-def test_the_mass_matrix_is_ours_in_mujocos_coordinates(case: SimpleNamespace) -> None:
-    """`T^T diag(m, M_bar) T` with `v = v_o - R B xi` of the centre of mass; blocks of other bodies are zero."""
+def test_mass_matrix_equals_that_of_colift(case: SimpleNamespace) -> None:
+    """`T^T diag(m, M_bar) T` with `v = v_o - R B xi` of the center of mass; blocks between bodies are zero."""
     m, d = case.model, case.data
     M = np.zeros((m.nv, m.nv))
     mujoco.mj_fullM(m, d, M)
@@ -116,8 +116,8 @@ def reduced(group: object, state: object) -> tuple[jax.Array, jax.Array, jax.Arr
     return q.mass, q.M_bar, q.J_base
 
 
-def test_contacts_are_closed_and_at_rest_on_the_grasp(case: SimpleNamespace) -> None:
-    """Contacts are closed and at rest on the grasp and nothing else touches."""
+def test_contacts_are_closed_on_the_grasp(case: SimpleNamespace) -> None:
+    """On the grasp the contacts are closed and at rest, and there are no other contacts."""
     m, d, contacts = case.model, case.data, case.team.contacts
     assert m.neq == contacts
     assert (d.nefc, d.ncon) == (3 * contacts, 0)
@@ -127,7 +127,7 @@ def test_contacts_are_closed_and_at_rest_on_the_grasp(case: SimpleNamespace) -> 
     assert not m.geom_conaffinity.any()
 
 
-def test_the_time_constant_and_impedance_are_at_mujocos_bounds() -> None:
+def test_contact_parameters_are_at_mujocos_bounds() -> None:
     assert mjcf.RIGID.impedance == mujoco.mjMAXIMP
     team, z = teams.reference_team(), teams.reference_guess()
     R, pull = [], []
@@ -140,7 +140,7 @@ def test_the_time_constant_and_impedance_are_at_mujocos_bounds() -> None:
     assert pull[0] == pull[1] == pytest.approx(4 * pull[2])
 
 
-def test_a_box_shows_the_inertia_of_the_payload() -> None:
+def test_payload_box_has_the_payload_inertia() -> None:
     """`J_a = m (b^2 + c^2) / 3` of a box with half edges a, b, c."""
     team, z = teams.reference_team(), teams.reference_guess()
     m, _ = loaded(mjcf.to_mjcf(team, z))
@@ -152,7 +152,7 @@ def test_a_box_shows_the_inertia_of_the_payload() -> None:
 # The command ----------------------------------------------------------------------------------------------------------
 
 
-def test_the_command_writes_the_scenarios_names_start_and_limits(tmp_path: Path) -> None:
+def test_command_writes_names_start_and_limits(tmp_path: Path) -> None:
     out = tmp_path / "paper.xml"
     done = CliRunner().invoke(app, ["export", "mjcf", "paper", "--out", str(out)], catch_exceptions=False)
     assert (done.exit_code, done.stdout) == (0, f"paper is in {out}\n")
@@ -172,8 +172,8 @@ def test_the_command_writes_the_scenarios_names_start_and_limits(tmp_path: Path)
     np.testing.assert_array_equal(m.opt.gravity, settings.gravity_mps2)
 
 
-def test_the_command_prints_the_model_by_default_and_refuses(tmp_path: Path) -> None:
-    """The command prints the model by default and refuses in one line."""
+def test_command_prints_model_and_reports_errors(tmp_path: Path) -> None:
+    """The command prints the model by default and reports an error in one line."""
     done = CliRunner().invoke(app, ["export", "mjcf", "paper"], catch_exceptions=False)
     assert done.exit_code == 0
     assert mujoco.MjModel.from_xml_string(done.stdout).nv == 24
@@ -182,7 +182,7 @@ def test_the_command_prints_the_model_by_default_and_refuses(tmp_path: Path) -> 
         assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
 
 
-def test_thrust_pulls_along_the_bases_third_axis_and_torques() -> None:
+def test_actuators_have_the_virtual_work_of_the_inputs() -> None:
     """Virtual work of the actuators: `u e3 . R^T v_o + tau . omega + tau_r . r_dot`."""
     rng = np.random.default_rng(0)
     structure = teams.POOL[3]
@@ -205,7 +205,7 @@ def test_thrust_pulls_along_the_bases_third_axis_and_torques() -> None:
     assert d.qfrc_actuator @ d.qvel == pytest.approx(work, rel=1e-12)
 
 
-def test_names_must_be_as_many_as_there_are() -> None:
+def test_number_of_names_is_checked() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     with pytest.raises(ValueError, match="names: 1 given for 2 agents"):
         mjcf.to_mjcf(team, z, ("one",))
@@ -215,6 +215,6 @@ def test_names_must_be_as_many_as_there_are() -> None:
         mjcf.to_mjcf(team, z, contacts=tuple("abcde"))
 
 
-def test_mujoco_is_not_needed_to_write_a_model() -> None:
+def test_model_is_written_without_mujoco() -> None:
     code = "import sys, colift.models.mjcf; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=300, check=False).returncode == 0

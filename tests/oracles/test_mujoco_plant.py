@@ -1,4 +1,4 @@
-"""MuJoCo as the plant: the same balances, the contact forces of its stated softness, the same motion."""
+"""Tests of the MuJoCo plant: force balance, soft-contact forces, and motion compared with the rigid-contact plant."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ accelerate, left = jax.jit(contact_dynamics.forward_dynamics), jax.jit(signals.t
 
 
 def random_forces(rng: np.random.Generator, team: Team) -> tuple[contact_dynamics.TeamInputs, ResidualForces]:
-    """Random inputs about hover and random residual forces on every body."""
+    """Return random inputs about hover and random residual forces on every body."""
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
     shapes = [(size, group.tree.joints) for size, group in zip(team.sizes, team.agent_groups, strict=True)]
     inputs = tuple(AgentInput(u=20 + 5 * draw(n), tau=draw(n, 3), tau_r=draw(n, k)) for n, k in shapes)
@@ -44,14 +44,14 @@ def random_forces(rng: np.random.Generator, team: Team) -> tuple[contact_dynamic
     return inputs, f
 
 
-def pushed(structure: tuple, seed: int) -> tuple[Team, State, contact_dynamics.TeamInputs, ResidualForces]:
-    """A random team at a random state under random forces."""
-    team, z = motion.thrown(seed, structure)
+def forced_team(structure: tuple, seed: int) -> tuple[Team, State, contact_dynamics.TeamInputs, ResidualForces]:
+    """Return a random team at a random state under random forces."""
+    team, z = motion.moving_team(seed, structure)
     return team, z, *random_forces(np.random.default_rng(seed + 1000), team)
 
 
-def near(found: object, expected: object, tolerance: float) -> None:
-    """Every leaf, relative to its largest entry or 1."""
+def assert_close(found: object, expected: object, tolerance: float) -> None:
+    """Assert that all leaves agree, relative to the largest entry of each or 1."""
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
         np.testing.assert_allclose(a, b, rtol=0, atol=tolerance * max(1.0, np.abs(b).max(initial=0)))
 
@@ -60,30 +60,30 @@ def near(found: object, expected: object, tolerance: float) -> None:
 
 
 @pytest.mark.parametrize(("structure", "seed"), CASES)
-def test_every_balance_holds_with_mujocos_accelerations(structure: tuple, seed: int) -> None:
-    """What our equations leave over is the residual that acts: exact, however soft the contacts are."""
-    team, z, inputs, f = pushed(structure, seed)
+def test_force_balance_holds_with_mujoco_accelerations(structure: tuple, seed: int) -> None:
+    """The residual of colift's equations is the applied residual, exactly and for any contact softness."""
+    team, z, inputs, f = forced_team(structure, seed)
     a, lam = in_mujoco(mujoco_plant.mujoco_plant(team, z), team, z, inputs, f)
-    near(left(team, z, a, lam, inputs), f, SOLVED)
+    assert_close(left(team, z, a, lam, inputs), f, SOLVED)
 
 
 @pytest.mark.parametrize(("structure", "seed"), CASES)
-def test_contact_forces_are_those_of_rigid_contacts(structure: tuple, seed: int) -> None:
-    """`(A + S) lam = A lam_rigid`, with A and the rigid forces from Pinocchio and S as MuJoCo states it."""
-    team, z, inputs, f = pushed(structure, seed)
-    plant, oracle = mujoco_plant.mujoco_plant(team, z), PinocchioTeam(team)
+def test_contact_forces_follow_the_stated_softness(structure: tuple, seed: int) -> None:
+    """`(A + S) lam = A lam_rigid`, with A and the rigid forces from Pinocchio and S as documented by MuJoCo."""
+    team, z, inputs, f = forced_team(structure, seed)
+    plant, model = mujoco_plant.mujoco_plant(team, z), PinocchioTeam(team)
     lam = grasp.stack_contacts(in_mujoco(plant, team, z, inputs, f)[1])
-    q, _ = oracle.coordinates(z)
-    J = oracle.jacobian(q)
-    A, S = J @ np.linalg.solve(oracle.mass_matrix(q), J.T), np.diag(plant.host.data.efc_R)
-    rigid = oracle.accelerate(z, inputs, f).lam
+    q, _ = model.coordinates(z)
+    J = model.jacobian(q)
+    A, S = J @ np.linalg.solve(model.mass_matrix(q), J.T), np.diag(plant.session.data.efc_R)
+    rigid = model.solve_kkt(z, inputs, f).lam
     soft = np.linalg.solve(A + S, A @ rigid.ravel()).reshape(-1, 3)
     np.testing.assert_allclose(lam, soft, rtol=0, atol=SOLVED * np.abs(soft).max())
 
 
-def test_what_differs_from_rigid_contacts_vanishes() -> None:
-    """To first order in `(1 - d) / d`: a tenth with every nine."""
-    team, z = motion.thrown_reference(1)
+def test_difference_to_rigid_contacts_vanishes() -> None:
+    """The difference is first order in `(1 - d) / d`: each further nine of d divides it by ten."""
+    team, z = motion.moving_reference_team(1)
     inputs, f = random_forces(np.random.default_rng(1), team)
     exact = accelerate(team, z, inputs, f)
     errors = []
@@ -100,12 +100,12 @@ def test_what_differs_from_rigid_contacts_vanishes() -> None:
 
 
 @pytest.mark.parametrize(("structure", "seed"), CASES)
-def test_inputs_and_residuals_do_the_same_work(structure: tuple, seed: int) -> None:
+def test_inputs_and_residuals_have_equal_power(structure: tuple, seed: int) -> None:
     """In MuJoCo's coordinates: `f_x . v + f_w . omega + f_r . r_dot`, `R e3 u . v_o + tau . omega + tau_r . r_dot`."""
-    team, z, inputs, f = pushed(structure, seed)
-    host = mujoco_plant.mujoco_plant(team, z).host
-    host.forward_dynamics(*(np.asarray(x).ravel() for x in mujoco_plant._rows(z, inputs, f)))
-    d = host.data
+    team, z, inputs, f = forced_team(structure, seed)
+    session = mujoco_plant.mujoco_plant(team, z).session
+    session.forward_dynamics(*(np.asarray(x).ravel() for x in mujoco_plant._rows(z, inputs, f)))
+    d = session.data
     applied = d.qfrc_smooth + d.qfrc_bias - d.qfrc_passive - d.qfrc_actuator
     load = z.payload
     expected = f.payload.F @ load.v + f.payload.tau @ load.omega
@@ -121,13 +121,13 @@ def test_inputs_and_residuals_do_the_same_work(structure: tuple, seed: int) -> N
 
 
 @pytest.mark.parametrize("structure", teams.POOL)
-def test_states_survive_mujocos_coordinates(structure: tuple) -> None:
+def test_state_conversion_round_trip(structure: tuple) -> None:
     rng = np.random.default_rng(7)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
-    host = mujoco_plant.mujoco_plant(team, z).host
+    session = mujoco_plant.mujoco_plant(team, z).session
     rows = [np.asarray(x).ravel() for x in mujoco_plant._state_rows(z)]
-    host._place(*rows)
-    for before, after in zip(rows, host._state(), strict=True):
+    session._place(*rows)
+    for before, after in zip(rows, session._state(), strict=True):
         np.testing.assert_allclose(
             np.ravel(after), before, rtol=0, atol=1e-14 * max(1.0, np.abs(before).max(initial=0))
         )
@@ -137,7 +137,7 @@ def test_states_survive_mujocos_coordinates(structure: tuple) -> None:
 
 
 def drag(c: jax.Array, z: State) -> ResidualForces:
-    """A residual that depends on the state: linear drag, of the joints too."""
+    """Residual that depends on the state: linear drag, including the joints."""
     return ResidualForces(
         agents=tuple(GeneralizedForce(f_x=-c * q.v, f_w=-c / 25 * q.omega, f_r=-c / 25 * q.r_dot) for q in z.agents),
         payload=Wrench(F=-c * z.payload.v, tau=-c / 25 * z.payload.omega),
@@ -148,8 +148,8 @@ STEPS = 250
 
 
 @jax.jit
-def ours(team: Team, z: State, inputs: contact_dynamics.TeamInputs, c: jax.Array) -> State:
-    """The state after half a second, by our plant."""
+def simulate_rigid(team: Team, z: State, inputs: contact_dynamics.TeamInputs, c: jax.Array) -> State:
+    """Return the state after half a second of the rigid-contact plant."""
 
     def step(_: int, z: State) -> State:
         unknown = lambda z, _: drag(c, z)  # noqa: E731
@@ -161,56 +161,56 @@ def ours(team: Team, z: State, inputs: contact_dynamics.TeamInputs, c: jax.Array
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def mujocos(
+def simulate_mujoco(
     plant: mujoco_plant.MujocoPlant, team: Team, z: State, inputs: contact_dynamics.TeamInputs, c: jax.Array
 ) -> State:
-    """The state after half a second, by MuJoCo."""
+    """Return the state after half a second of the MuJoCo plant."""
     unknown = lambda z, _: drag(c, z)  # noqa: E731
     return jax.lax.fori_loop(0, STEPS, lambda _, z: plant.step(team, z, inputs, unknown, jnp.array(DT)), z)
 
 
-def apart(a: State, b: State) -> float:
-    """The largest distance between positions, m, attitudes and joints."""
+def state_distance(a: State, b: State) -> float:
+    """Return the largest distance between positions [m], attitudes and joints."""
     pose = lambda z: jax.tree.leaves((z.payload.p, z.payload.R, [(q.x, q.R, q.r) for q in z.agents]))  # noqa: E731
     return max(float(jnp.abs(x - y).max()) for x, y in zip(pose(a), pose(b), strict=True))
 
 
 @pytest.fixture(scope="module")
-def swing() -> tuple[Team, State, contact_dynamics.TeamInputs, list[mujoco_plant.MujocoPlant]]:
-    """The reference team, thrown at 1 m/s and 1 rad/s under constant thrusts; plants of 1, 2 and 4 substeps."""
-    team, z = motion.thrown_reference(2)
-    inputs = tuple(dataclasses.replace(u, u=12.0 + u.u) for u in motion.idle(team))
+def initial_motion() -> tuple[Team, State, contact_dynamics.TeamInputs, list[mujoco_plant.MujocoPlant]]:
+    """The reference team at 1 m/s and 1 rad/s under constant thrusts; plants of 1, 2 and 4 substeps."""
+    team, z = motion.moving_reference_team(2)
+    inputs = tuple(dataclasses.replace(u, u=12.0 + u.u) for u in motion.zero_inputs(team))
     return team, z, inputs, [mujoco_plant.mujoco_plant(team, z, DT, substeps) for substeps in (1, 2, 4)]
 
 
 @pytest.mark.long
-def test_a_swing_is_ours_to_second_order_in_the_substep(swing: tuple) -> None:
-    """Without a residual the gaps of the soft contacts are left, which go with the square of the time constant."""
-    team, z, inputs, plants = swing
-    expected = ours(team, z, inputs, jnp.array(0.0))
-    errors = [apart(mujocos(plant, team, z, inputs, jnp.array(0.0)), expected) for plant in plants]
+def test_motion_agrees_to_second_order_in_the_substep(initial_motion: tuple) -> None:
+    """Without a residual only the gap of soft contacts remains, proportional to the square of the time constant."""
+    team, z, inputs, plants = initial_motion
+    expected = simulate_rigid(team, z, inputs, jnp.array(0.0))
+    errors = [state_distance(simulate_mujoco(plant, team, z, inputs, jnp.array(0.0)), expected) for plant in plants]
     assert errors[0] < 1e-5
     for coarse, fine in itertools.pairwise(errors):
         assert 3.5 < coarse / fine < 4.5
 
 
-def test_a_swing_with_drag_is_ours_to_first_order_in_the_substep(swing: tuple) -> None:
-    """A swing with drag is ours to first order in the substep over which the drag is held."""
-    team, z, inputs, plants = swing
+def test_motion_with_drag_agrees_to_first_order(initial_motion: tuple) -> None:
+    """The difference is first order in the substep, over which the drag is held constant."""
+    team, z, inputs, plants = initial_motion
     c = jnp.array(0.5)
-    expected, free = ours(team, z, inputs, c), ours(team, z, inputs, 0 * c)
-    errors = [apart(mujocos(plant, team, z, inputs, c), expected) for plant in plants]
-    assert errors[0] < 1e-2 * apart(expected, free)
+    expected, free = simulate_rigid(team, z, inputs, c), simulate_rigid(team, z, inputs, 0 * c)
+    errors = [state_distance(simulate_mujoco(plant, team, z, inputs, c), expected) for plant in plants]
+    assert errors[0] < 1e-2 * state_distance(expected, free)
     for coarse, fine in itertools.pairwise(errors):
         assert 1.8 < coarse / fine < 2.2
 
 
-# As a part of a program ---------------------------------------------------------------------------------------------
+# Use in programs ----------------------------------------------------------------------------------------------------
 
 
-def test_an_answer_depends_on_no_call_before_and_batches() -> None:
-    """An answer depends on no call before and batches are single answers."""
-    team, z, inputs, f = pushed(teams.POOL[2], 0)
+def test_result_is_stateless_and_batches_agree() -> None:
+    """A result does not depend on earlier calls, and batched results equal single ones."""
+    team, z, inputs, f = forced_team(teams.POOL[2], 0)
     plant = mujoco_plant.mujoco_plant(team, z)
     first = in_mujoco(plant, team, z, inputs, f)
     other = jax.tree.map(lambda x: 2 * x, f)
@@ -222,37 +222,37 @@ def test_an_answer_depends_on_no_call_before_and_batches() -> None:
         assert np.abs(a - b[0]).max() > 1e-3
 
 
-def test_commands_are_not_limited_and_what_is_not_finite_stays() -> None:
-    """Commands are not limited and what is not finite stays so."""
-    team, z, inputs, f = pushed(teams.POOL[2], 1)
+def test_inputs_are_not_limited_and_nan_propagates() -> None:
+    """The plant does not limit inputs, and values that are not finite stay so."""
+    team, z, inputs, f = forced_team(teams.POOL[2], 1)
     plant = mujoco_plant.mujoco_plant(team, z)
     strong = tuple(dataclasses.replace(u, u=10 * u.u) for u in inputs)
     assert float(strong[0].u.max()) > float(team.agent_groups[0].thrust_max.max())
     a, lam = in_mujoco(plant, team, z, strong, f)
-    near(left(team, z, a, lam, strong), f, SOLVED)
+    assert_close(left(team, z, a, lam, strong), f, SOLVED)
     lost = dataclasses.replace(z, payload=dataclasses.replace(z.payload, v=z.payload.v * jnp.nan))
     after = plant.step(team, lost, inputs, lambda _z, _t: f, jnp.array(DT))
     assert not np.isfinite(after.payload.p).all()
 
 
-def test_a_scenario_that_asks_for_mujoco_has_it_as_its_plant() -> None:
-    """A scenario that asks for mujoco has it as its plant as stiff as its substeps allow."""
+def test_scenario_selects_mujoco() -> None:
+    """The plant of a scenario with `physics: mujoco` is MuJoCo, as stiff as its substeps allow."""
     settings = light.settings(physics={"kind": "mujoco", "substeps": 2}, control_Hz=400.0)
     plant = experiment.make_experiment(settings, "C1").world.plant
     assert isinstance(plant, mujoco_plant.MujocoPlant)
     assert plant.substeps == 2
-    option = plant.host.model.opt
+    option = plant.session.model.opt
     assert option.timestep == pytest.approx(1 / 800)
-    assert mjcf.stiffest_contact(1 / 800).time_constant == pytest.approx(plant.host.model.eq_solref[0, 0])
+    assert mjcf.stiffest_contact(1 / 800).time_constant == pytest.approx(plant.session.model.eq_solref[0, 0])
 
 
-def test_what_no_plant_can_be_is_refused() -> None:
-    team, z = motion.thrown_reference(0)
+def test_invalid_plant_arguments_are_refused() -> None:
+    team, z = motion.moving_reference_team(0)
     with pytest.raises(ValueError, match="substeps = 0: must be at least 1"):
         mujoco_plant.mujoco_plant(team, z, substeps=0)
 
 
-def test_without_mujoco_the_engine_says_what_to_install() -> None:
+def test_missing_mujoco_is_reported_with_the_extra() -> None:
     code = "import sys; sys.modules['mujoco'] = None; import colift.simulation.mujoco_plant"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 1

@@ -1,4 +1,6 @@
-"""Broken scenario files: each is read, or refused with its lines; never another exception, never without end."""
+"""Tests that mutated scenario files are either accepted or rejected with their lines, in bounded time and without
+another exception.
+"""
 
 import re
 import resource
@@ -11,13 +13,13 @@ from colift.scenario import Scenario, ScenarioError
 from tests.support.scenario_mutants import mutant
 
 EACH = 40
-HANG = 60.0  # s of processor time for one file; the slowest of thousands took one, so this tells a hang, not a speed
+HANG = 60.0  # s of processor time per file; the slowest of thousands took 1 s, so this detects a hang
 MEMORY = 500_000  # kB
 
 
 @pytest.fixture
 def alarm():
-    """Stops a file that is read for ever."""
+    """Stop a test that does not terminate."""
 
     def stop(*_: object) -> None:
         pytest.fail(f"not read within {HANG:g} s of processor time", pytrace=False)
@@ -29,7 +31,7 @@ def alarm():
 
 
 @pytest.mark.parametrize("first", range(0, 4 * EACH, EACH))
-def test_a_broken_file_is_read_or_refused_with_its_lines(first, tmp_path, alarm):
+def test_mutated_file_is_accepted_or_refused_with_lines(first, tmp_path, alarm):
     path, refused = tmp_path / "mine.yaml", 0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     for seed in range(first, first + EACH):
@@ -40,9 +42,9 @@ def test_a_broken_file_is_read_or_refused_with_its_lines(first, tmp_path, alarm)
         except ScenarioError as error:
             refused += 1
             lines = str(error).splitlines()
-            told = [line for line in lines if re.match(rf"{re.escape(str(path))}:[1-9]\d*: \S", line)]
-            assert told, seed
-            assert len(lines) - len(told) <= lines[-1].startswith("and "), (seed, lines)
+            reported = [line for line in lines if re.match(rf"{re.escape(str(path))}:[1-9]\d*: \S", line)]
+            assert reported, seed
+            assert len(lines) - len(reported) <= lines[-1].startswith("and "), (seed, lines)
             assert len(str(error)) < 100_000, seed
             str(error).encode()  # can be printed
     assert refused > EACH // 4  # the mutants are broken

@@ -1,4 +1,4 @@
-"""Rotations: group axioms, SciPy as the oracle, derivatives against finite differences."""
+"""Tests of rotations: group axioms, comparison with SciPy, derivatives against finite differences."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_one_parameter_subgroups() -> None:
     np.testing.assert_allclose(exp(s * THETA) @ exp(t * THETA), exp((s + t) * THETA), atol=5e-15)
 
 
-def test_about_is_exp_of_a_unit_axis() -> None:
+def test_from_axis_angle_is_exp_of_a_unit_axis() -> None:
     axis = directions(20)
     for angle in (-5.0, 0.0, 1e-9, 0.3, np.pi):
         about = jax.jit(so3.from_axis_angle)(jnp.array(axis), jnp.full(20, angle))
@@ -67,7 +67,7 @@ def test_exp_inverts_log_on_random_rotations() -> None:
     np.testing.assert_allclose(back, random, atol=3e-15)
 
 
-def test_log_at_exactly_half_a_turn() -> None:
+def test_log_at_angle_pi() -> None:
     axis = directions(20)
     half = jnp.array(2 * axis[:, :, None] * axis[:, None, :] - np.eye(3))
     theta = np.asarray(log(half))
@@ -75,7 +75,7 @@ def test_log_at_exactly_half_a_turn() -> None:
     np.testing.assert_allclose(np.abs((theta * axis).sum(1)), np.pi, atol=1e-14)
 
 
-def test_quaternion_is_scipys() -> None:
+def test_quaternion_equals_scipy() -> None:
     random = Rotation.random(200, random_state=2)
     expected = random.as_quat(scalar_first=True, canonical=True)
     np.testing.assert_allclose(jax.jit(so3.quaternion)(jnp.array(random.as_matrix())), expected, atol=1e-15)
@@ -114,7 +114,7 @@ def test_derivative_of_exp(mode: Callable) -> None:
 
 @pytest.mark.parametrize("mode", [jax.jacfwd, jax.jacrev])
 def test_derivative_of_log(mode: Callable) -> None:
-    """Along the group: log is smooth up to half a turn, and its differential there is that of its inverse."""
+    """Along the group; log is smooth below pi, and its differential at pi is that of its inverse."""
     step = 1e-6
     near_half_turn = np.linalg.norm(THETA, axis=1) > np.pi - 1e-3
     at, theta = R[~near_half_turn], np.asarray(THETA)[~near_half_turn]
@@ -127,7 +127,7 @@ def test_derivative_of_log(mode: Callable) -> None:
     ends = log(at[:, None] @ offset[None])
     central = jnp.swapaxes((ends[:, :3] - ends[:, 3:]) / (2 * step), 1, 2)
     np.testing.assert_allclose(jacobian, central, atol=2e-8)
-    left = np.einsum("nij,nj->ni", np.asarray(jacobian), theta)  # turning further about the axis adds to the angle
+    left = np.einsum("nij,nj->ni", np.asarray(jacobian), theta)  # a rotation about the same axis adds to the angle
     np.testing.assert_allclose(left, theta, atol=1e-12)
 
 
@@ -154,7 +154,7 @@ def attitudes() -> tuple[jax.Array, ...]:
 
 
 def test_error_kinematics() -> None:
-    """`d/dt e_R = E e_omega` and `d/dt Psi = e_R . e_omega`, by following the two rotations (Eq. pl_cl_eR)."""
+    """`d/dt e_R = E e_omega` and `d/dt Psi = e_R . e_omega`, from the motion of both rotations (Eq. pl_cl_eR)."""
     A, omega, B, omega_d = attitudes()
 
     def at(t: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -168,7 +168,7 @@ def test_error_kinematics() -> None:
 
 
 def test_attitude_error_function() -> None:
-    """`Psi = 1 - cos(angle)` of the rotation between, `|e_R| = sin(angle)`."""
+    """`Psi = 1 - cos(angle)` and `|e_R| = sin(angle)` of the relative rotation."""
     A, _, B, _ = attitudes()
     angle = (Rotation.from_matrix(B).inv() * Rotation.from_matrix(A)).magnitude()
     np.testing.assert_allclose(so3.attitude_error_function(A, B), 1 - np.cos(angle), atol=1e-14)

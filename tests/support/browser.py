@@ -1,4 +1,4 @@
-"""A headless Chromium for tests of pages, spoken to over two pipes (its DevTools protocol): no package is needed."""
+"""Headless Chromium for tests of pages, controlled by its DevTools protocol over two pipes, without a package."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ FLAGS = (
     *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--remote-debugging-pipe", "--no-first-run", "--disable-extensions", "--disable-background-networking"),
 )
-PATIENCE = 120.0  # s, for one answer: a shared computer draws slowly
+PATIENCE = 120.0  # s per response; a shared computer renders slowly
 
 
 class Page:
-    """One page, and what it asked for, said and threw since it was opened."""
+    """One page, with the requests, console messages and exceptions since it was opened."""
 
     def __init__(self, write: int, read: int) -> None:
         self._write, self._read, self._rest = write, read, b""
@@ -41,7 +41,7 @@ class Page:
     def open(
         self, path: Path, width: int = 1280, height: int = 800, dark: bool = False, ready: str = "window.state"
     ) -> None:
-        """Open a file in a window of some size, px, and wait until what makes it `ready` is there."""
+        """Open a file in a window of some size [px] and wait for the expression `ready`."""
         phone = {"mobile": width < 500, "deviceScaleFactor": 1}
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, **phone)
         look = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
@@ -49,13 +49,13 @@ class Page:
         self.visit(path.as_uri(), ready)
 
     def visit(self, address: str, ready: str = "window.state") -> None:
-        """Open an address and wait until what makes it `ready` is there."""
+        """Open an address and wait for the expression `ready`."""
         self._call("Page.navigate", url=address)
         self.wait(f"document.readyState === 'complete' && Boolean({ready})")
         self.settle()
 
     def evaluate(self, script: str) -> Any:
-        """The value of an expression, a promise's when it is kept; raises AssertionError where it throws."""
+        """Return the value of an expression, or of its promise; raise AssertionError if it throws."""
         done = self._call("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
         assert "exceptionDetails" not in done, done["exceptionDetails"]
         return done["result"].get("value")
@@ -68,22 +68,22 @@ class Page:
             time.sleep(0.05)
 
     def settle(self) -> None:
-        """Wait for two frames: what was asked for is then drawn."""
+        """Wait for two animation frames, after which changes are drawn."""
         self.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(1))))")
 
     def press(self, key: str) -> None:
-        """Press and release a key, by its name in the DOM."""
+        """Press and release a key by its name in the DOM."""
         code = {" ": 32, "ArrowLeft": 37, "ArrowRight": 39}.get(key) or ord(key.upper())
         for kind in ("keyDown", "keyUp"):
             self._call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code)
 
     def click(self, x: float, y: float) -> None:
-        """Press and release the left button at a place of the window, px."""
+        """Press and release the left button at a position of the window [px]."""
         for kind, held in (("mousePressed", 1), ("mouseReleased", 0)):
             self._call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=held, clickCount=1)
 
     def picture(self, whole: bool = False) -> bytes:
-        """What is seen, or the whole page, as PNG."""
+        """Return the visible part, or the whole page, as PNG."""
         return base64.b64decode(self._call("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
 
     def _call(self, method: str, **parameters: Any) -> dict[str, Any]:
@@ -92,14 +92,14 @@ class Page:
         os.write(
             self._write, json.dumps({"id": number, "method": method, "params": parameters} | session).encode() + b"\0"
         )
-        while (said := self._hear()).get("id") != number:
-            self._note(said.get("method", ""), said.get("params", {}))
-        assert "error" not in said, f"{method}: {said['error']}"
-        return said["result"]
+        while (message := self._hear()).get("id") != number:
+            self._note(message.get("method", ""), message.get("params", {}))
+        assert "error" not in message, f"{method}: {message['error']}"
+        return message["result"]
 
     def _hear(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
-            assert self._ready.select(PATIENCE), "the browser does not answer"
+            assert self._ready.select(PATIENCE), "no response from the browser"
             got = os.read(self._read, 1 << 20)
             assert got, "the browser has ended"
             self._rest += got
@@ -119,11 +119,11 @@ class Page:
 
 @contextlib.contextmanager
 def page(profile: Path, *flags: str) -> Iterator[Page]:
-    """A page of a browser of its own, which keeps what it keeps in a folder and ends with the block."""
+    """Page of a separate browser with its profile in a folder; the browser ends with the block."""
     assert FOUND
     to_browser, from_us = os.pipe()
     to_us, from_browser = os.pipe()
-    # it listens on descriptor 3 and answers on 4
+    # it reads from descriptor 3 and writes to 4
     start = f'exec "$0" "$@" 3<&{to_browser} 4>&{from_browser}'
     command = ["/bin/bash", "-c", start, FOUND, *FLAGS, *flags, f"--user-data-dir={profile}"]
     browser = subprocess.Popen(
@@ -134,7 +134,7 @@ def page(profile: Path, *flags: str) -> Iterator[Page]:
     try:
         yield Page(from_us, to_us)
     finally:
-        os.close(from_us)  # it ends when nobody can speak to it
+        os.close(from_us)  # it ends when the pipe is closed
         try:
             browser.wait(20)
         except subprocess.TimeoutExpired:

@@ -1,4 +1,4 @@
-"""Flights of a short `certified` scenario with their certificates, which several test modules look at."""
+"""Flights of a short `certified` scenario with their certificates, shared by several test modules."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ LAST = 4.0  # s, the last update
 
 
 def of_light_team(updates: tuple[float, ...], duration_s: float) -> Scenario:
-    """The shipped scenario, shorter and on a smaller path, with the team whose flights compile sooner."""
-    given, team = scenario.load_scenario("certified").model_dump(), light.settings().model_dump()
-    given |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
-    given["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "max_samples": 12}
-    given["random_residual"] |= {"min_variation": 0.0}
-    given["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_time_s": 2.0}
-    return Scenario.model_validate(given)
+    """The shipped scenario, shorter and on a smaller path, with the smallest team, which compiles faster."""
+    certified, team = scenario.load_scenario("certified").model_dump(), light.settings().model_dump()
+    certified |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
+    certified["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "max_samples": 12}
+    certified["random_residual"] |= {"min_variation": 0.0}
+    certified["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_time_s": 2.0}
+    return Scenario.model_validate(certified)
 
 
 def short() -> Scenario:
-    """With updates at 2 s and 4 s of 9 s."""
+    """Scenario of 9 s with updates at 2 s and 4 s."""
     return of_light_team((2.0, LAST), 9.0)
 
 
 @functools.cache
 def made() -> certification.CertificationResult:
-    """The flight, its twin and its certificate."""
+    """Return the flight, its nominal trajectory and its certificate."""
     return certification.certify(short(), names=NAMES)
 
 
 @functools.cache
 def late() -> certification.CertificationResult:
-    """Nothing is learned until half a second before errors count: a deviation at the update is far from gone."""
+    """Like `made`, with the only update half a second before the evaluation begins."""
     return certification.certify(of_light_team((LAST,), LAST + 1), made().equilibrium_linearization, ("energy",))

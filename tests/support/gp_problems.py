@@ -1,4 +1,4 @@
-"""Random GP problems, and the posterior in 50 digits: what the tests of colift.gp share."""
+"""Random GP problems, and their posterior with 50 digits, for the tests of colift.gp."""
 
 import jax.numpy as jnp
 import mpmath
@@ -10,7 +10,7 @@ EPS = np.finfo(float).eps
 
 
 def problem(seed: int, N: int = 40, dimensions: int = 4, outputs: int = 3, noise: float = 1e-2):
-    """Inputs with unlike scales and offsets, smooth outputs with unlike units, and stated hyperparameters."""
+    """Return inputs with different scales and offsets, smooth outputs with different units, and hyperparameters."""
     rng = np.random.default_rng(seed)
     x_scale, y_scale = 10 ** rng.uniform(-2, 2, dimensions), 10 ** rng.uniform(-2, 2, outputs)
     Z = rng.normal(size=(N, dimensions))
@@ -29,7 +29,7 @@ def problem(seed: int, N: int = 40, dimensions: int = 4, outputs: int = 3, noise
 
 
 def arrays(hyper, i):
-    """Signal variance, length-scales, noise variance and offset of output i, in NumPy."""
+    """Return signal variance, length-scales, noise variance and offset of output i as NumPy arrays."""
     return (
         float(hyper.signal_variance[i]),
         np.asarray(hyper.lengthscales[i]),
@@ -39,13 +39,13 @@ def arrays(hyper, i):
 
 
 def gram(X, hyper, i):
-    """`position_integral_gain`, entry by entry in float64."""
+    """Return the Gram matrix entry by entry in float64."""
     s, ls, v, _ = arrays(hyper, i)
     return s * np.exp(-0.5 * (((X[:, None] - X[None]) / ls) ** 2).sum(-1)) + v * np.eye(len(X))
 
 
 def exact(X, y, queries, hyper, i):
-    """Mean and variance at queries, and the log likelihood, of output i by mpmath in 50 digits."""
+    """Return mean and variance at queries, and the log likelihood, of output i by mpmath with 50 digits."""
     with mpmath.workdps(50):
         s, ls, v, offset = (mpmath.mpmathify(a) if np.ndim(a) == 0 else a for a in arrays(hyper, i))
 
@@ -74,7 +74,7 @@ def exact(X, y, queries, hyper, i):
 
 
 def forward(L, b):
-    """`L^-1 b` by substitution, in mpmath's current precision."""
+    """Return `L^-1 b` by forward substitution in the current precision of mpmath."""
     x = mpmath.matrix(len(b), 1)
     for p in range(len(b)):
         x[p] = (b[p] - mpmath.fsum(L[p, q] * x[q] for q in range(p))) / L[p, p]

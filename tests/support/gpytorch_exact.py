@@ -1,4 +1,4 @@
-"""GPyTorch in exact mode: Cholesky at every size, float64, one batch of outputs over shared inputs."""
+"""GPyTorch in exact mode: Cholesky factorization at every size, float64, one batch of outputs over shared inputs."""
 
 import contextlib
 import warnings
@@ -13,7 +13,7 @@ with warnings.catch_warnings():
 
 @contextlib.contextmanager
 def exact():
-    """Without its default switch to conjugate gradients above 800 points, and without its fast approximations."""
+    """Context without conjugate gradients above 800 points and without fast approximations."""
     s = gpytorch.settings
     with (
         warnings.catch_warnings(),
@@ -27,7 +27,7 @@ def exact():
 
 
 class Model(gpytorch.models.ExactGP):
-    """Independent outputs as a batch: constant mean, scaled RBF-ARD kernel, its own noise each."""
+    """Independent outputs as a batch, each with constant mean, scaled RBF-ARD kernel and noise."""
 
     def __init__(self, X, Y):
         outputs = torch.Size([Y.shape[1]])
@@ -45,7 +45,7 @@ class Model(gpytorch.models.ExactGP):
         return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
 
     def set(self, hyper):
-        """Take stated hyperparameters."""
+        """Set the hyperparameters."""
         values = [
             np.array(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.constant_mean)
         ]
@@ -57,12 +57,12 @@ class Model(gpytorch.models.ExactGP):
         return self
 
     def log_likelihood(self):
-        """`(outputs,)`, nats, with its graph."""
+        """Return the log likelihood `(outputs,)` in nats, with its graph."""
         self.train()
         return self.likelihood(self(*self.train_inputs)).log_prob(self.train_targets)
 
     def log_likelihood_and_gradient(self):
-        """`(outputs,)`, and by automatic differentiation to the logarithms of (signal, length-scales, noise)."""
+        """Return the log likelihood and its gradient with respect to log (signal, length-scales, noise)."""
         self.zero_grad()
         value = self.log_likelihood()
         value.sum().backward()
@@ -77,7 +77,7 @@ class Model(gpytorch.models.ExactGP):
         return value.detach().numpy(), torch.cat(parts, 1).detach().numpy()
 
     def query(self, x):
-        """Mean and variance of the functions at x `(queries, dimensions)`, each `(queries, outputs)`."""
+        """Return mean and variance at x `(queries, dimensions)`, each `(queries, outputs)`."""
         self.eval()
         x = torch.as_tensor(np.array(x))
         with torch.no_grad():
@@ -85,7 +85,7 @@ class Model(gpytorch.models.ExactGP):
             return posterior.mean.numpy().T, posterior.variance.numpy().T
 
     def appended(self, x, y):
-        """The model with one more point: GPyTorch's own online update."""
+        """Return the model with one more point by GPyTorch's online update."""
         outputs = self.train_inputs[0].shape[0]
         x = torch.as_tensor(np.array(x)).expand(outputs, 1, len(x))
         return self.get_fantasy_model(x, torch.as_tensor(np.array(y))[:, None])

@@ -1,4 +1,4 @@
-"""One free aerial manipulator in MuJoCo: an oracle of mass matrix and bias."""
+"""One free aerial manipulator in MuJoCo, as a reference for mass matrix and bias forces."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class MujocoAgent:
         self.xi = np.array([3, 4, 5, *self.rate])
 
     def set(self, state: SimpleNamespace) -> None:
-        """Our state; the base's position and velocity are left at zero, as nothing here depends on them."""
+        """Set a state of colift; position and velocity of the base are zero, since no result depends on them."""
         self.data.qpos[:3] = 0
         self.data.qpos[3:7] = Rotation.from_matrix(state.R).as_quat(scalar_first=True)
         self.data.qpos[self.place] = state.r

@@ -1,4 +1,4 @@
-"""Short flights of the shipped study, and of variants that differ in numbers only: all share one compiled program."""
+"""Short flights of the paper's study, and of variants with other numbers, which share one compiled program."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from colift.simulation.world import SimulatedWorld
 
 SETTINGS: Scenario = scenario.load_scenario("paper")
 NAMES = team.agent_names(SETTINGS)
-SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study, told sooner
+SHORT = {"duration": 9.0, "updates": (2.0, 3.5, 5.0, 6.0)}  # the paper's study with earlier updates
 
 
 @functools.cache
-def plan(case: str) -> Experiment:
-    """A case of the study as shipped."""
+def paper_experiment(case: str) -> Experiment:
+    """Return a case of the study as shipped."""
     return experiment.make_experiment(SETTINGS, case)
 
 
 def shortened(case: str, eta: bool = True) -> Experiment:
-    """A case with the updates and the internal forces moved into nine seconds; without the latter where asked."""
-    full = plan(case)
+    """Return a case with updates and internal forces within nine seconds; `eta` selects internal forces."""
+    full = paper_experiment(case)
     eta_on = float(eta) * full.controller.allocator.internal.eta
     full = with_internal(full, start=jnp.array(4.0), end=jnp.array(7.0), eta=eta_on)
     updates = SHORT["updates"] if full.update_times else ()
@@ -40,7 +40,7 @@ def shortened(case: str, eta: bool = True) -> Experiment:
 
 
 def flight(case: str, eta: bool = True) -> FlightResult:
-    """The flight of `shortened`, flown once a process."""
+    """Return the flight of `shortened`, simulated once per process."""
     return _flight(case, eta)
 
 
@@ -50,66 +50,74 @@ def _flight(case: str, eta: bool) -> FlightResult:
 
 
 def number(x: float) -> jax.Array:
-    """A float64 as the scenario builds them; a weakly typed one would compile the flight again."""
+    """Return a strongly typed float64 as built by the scenario, so that the flight is not compiled again."""
     return jnp.array(x, dtype=float)
 
 
-def with_pilot(plan: Experiment, **parts: Any) -> Experiment:
-    """The plan with some of what flies replaced."""
-    return dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, **parts))
+def with_controller(base_experiment: Experiment, **parts: Any) -> Experiment:
+    """Return the experiment with fields of its controller replaced."""
+    return dataclasses.replace(base_experiment, controller=dataclasses.replace(base_experiment.controller, **parts))
 
 
-def with_gains(plan: Experiment, **gains: Any) -> Experiment:
-    """The plan with other gains of leader and agents."""
-    new = dataclasses.replace(plan.controller.payload_controller.gains, **gains)
-    leader, realizer = (
+def with_gains(base_experiment: Experiment, **gains: Any) -> Experiment:
+    """Return the experiment with other gains of payload controller and agent controllers."""
+    new = dataclasses.replace(base_experiment.controller.payload_controller.gains, **gains)
+    payload_controller, agent_controller = (
         dataclasses.replace(part, gains=new)
-        for part in (plan.controller.payload_controller, plan.controller.agent_controller)
+        for part in (base_experiment.controller.payload_controller, base_experiment.controller.agent_controller)
     )
-    return with_pilot(plan, payload_controller=leader, agent_controller=realizer)
+    return with_controller(base_experiment, payload_controller=payload_controller, agent_controller=agent_controller)
 
 
-def with_filters(plan: Experiment, **filters: Any) -> Experiment:
-    """The plan with other filters on board."""
-    of = plan.controller.estimator
-    return with_pilot(plan, estimator=dataclasses.replace(of, filters=dataclasses.replace(of.filters, **filters)))
+def with_filters(base_experiment: Experiment, **filters: Any) -> Experiment:
+    """Return the experiment with other onboard filters."""
+    of = base_experiment.controller.estimator
+    return with_controller(
+        base_experiment, estimator=dataclasses.replace(of, filters=dataclasses.replace(of.filters, **filters))
+    )
 
 
-def with_internal(plan: Experiment, **parts: Any) -> Experiment:
-    """The plan with another internal force."""
-    of = plan.controller.allocator
-    return with_pilot(plan, allocator=dataclasses.replace(of, internal=dataclasses.replace(of.internal, **parts)))
+def with_internal(base_experiment: Experiment, **parts: Any) -> Experiment:
+    """Return the experiment with another internal force."""
+    of = base_experiment.controller.allocator
+    return with_controller(
+        base_experiment, allocator=dataclasses.replace(of, internal=dataclasses.replace(of.internal, **parts))
+    )
 
 
-def with_world(plan: Experiment, **parts: Any) -> Experiment:
-    """The plan with some of the truth replaced."""
-    return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
+def with_world(base_experiment: Experiment, **parts: Any) -> Experiment:
+    """Return the experiment with fields of its world replaced."""
+    return dataclasses.replace(base_experiment, world=dataclasses.replace(base_experiment.world, **parts))
 
 
-def quiet(plan: Experiment) -> Experiment:
-    """The plan with sensors that have neither noise nor bias; their bandwidth stays."""
-    sensors = jax.tree.map(jnp.zeros_like, plan.world.sensors)
-    sensors = dataclasses.replace(sensors, tip_force_bandwidth=plan.world.sensors.tip_force_bandwidth)
-    return with_world(plan, sensors=sensors, tip_force_bias=jax.tree.map(jnp.zeros_like, plan.world.tip_force_bias))
+def without_noise(base_experiment: Experiment) -> Experiment:
+    """Return the experiment with sensors without noise and bias; their bandwidth is unchanged."""
+    sensors = jax.tree.map(jnp.zeros_like, base_experiment.world.sensors)
+    sensors = dataclasses.replace(sensors, tip_force_bandwidth=base_experiment.world.sensors.tip_force_bandwidth)
+    return with_world(
+        base_experiment,
+        sensors=sensors,
+        tip_force_bias=jax.tree.map(jnp.zeros_like, base_experiment.world.tip_force_bias),
+    )
 
 
-def exact(plan: Experiment) -> Experiment:
-    """The plan with nothing to estimate: no noise, measured poses and velocities taken as they are."""
-    return with_filters(quiet(plan), complementary=number(1e6), joint=number(200.0))
+def with_exact_sensors(base_experiment: Experiment) -> Experiment:
+    """Return the experiment without noise and with measured poses and velocities instead of estimates."""
+    return with_filters(without_noise(base_experiment), complementary=number(1e6), joint=number(200.0))
 
 
-def believed(plan: Experiment) -> Experiment:
-    """The plan with the nominal team as the truth: all that remains unknown are the disturbances."""
-    return with_world(plan, team=plan.controller.team)
+def with_nominal_world(base_experiment: Experiment) -> Experiment:
+    """Return the experiment with the nominal team in the world, so that only disturbances are unknown."""
+    return with_world(base_experiment, team=base_experiment.controller.team)
 
 
-def fly(plan: Experiment, duration: float) -> FlightResult:
-    """The plan flown for some seconds."""
-    return run_experiment(dataclasses.replace(plan, duration=duration))
+def simulate(base_experiment: Experiment, duration: float) -> FlightResult:
+    """Simulate an experiment for some seconds."""
+    return run_experiment(dataclasses.replace(base_experiment, duration=duration))
 
 
 def states(team: Team, rows: signals.StepRecord) -> tuple[State, tuple[AgentInput, ...]]:
-    """The states and inputs of a log, time leading every leaf, for a team of one group."""
+    """Return states and inputs of a log with time as the leading axis, for a team of one group."""
     (group,), (size,) = team.agent_groups, team.sizes
     joints = (size, group.tree.joints)
 
@@ -134,7 +142,7 @@ ROOM = 250
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, 0, 0))
-def _answer(
+def _accelerations(
     world: SimulatedWorld, nominal: Team, z: State, inputs: tuple[AgentInput, ...]
 ) -> tuple[jax.Array, ResidualForces]:
     f = disturbances.initial_forces(world.disturbances, world.team, z)
@@ -142,24 +150,26 @@ def _answer(
     return a.payload, signals.true_residual(nominal, z, a, lam, inputs)
 
 
-def answer(plan: Experiment, z: State, inputs: tuple[AgentInput, ...]) -> tuple[jax.Array, ResidualForces]:
-    """The payload's acceleration, and what the nominal equations leave over, of many states under many inputs."""
+def accelerations_and_residuals(
+    base_experiment: Experiment, z: State, inputs: tuple[AgentInput, ...]
+) -> tuple[jax.Array, ResidualForces]:
+    """Return the payload's acceleration and the residual of the nominal equations for many states and inputs."""
     n = len(z.payload.p)
     parts = []
-    for first in range(0, n, ROOM):  # in pieces of one size: one program
+    for first in range(0, n, ROOM):  # in batches of one size: one compiled program
         pick = np.minimum(np.arange(first, first + ROOM), n - 1)
         piece = jax.tree.map(lambda x, pick=pick: x[pick], (z, inputs))
-        parts.append(_answer(plan.world, plan.controller.team, *piece))
+        parts.append(_accelerations(base_experiment.world, base_experiment.controller.team, *piece))
     return jax.tree.map(lambda *x: jnp.concatenate(x)[:n], *parts)
 
 
 def rms(x: np.ndarray) -> float:
-    """Root mean square over time of the norm of each sample."""
+    """Return the root mean square over time of the norm of each sample."""
     return float(np.sqrt((np.asarray(x).reshape(len(x), -1) ** 2).sum(1).mean()))
 
 
-def lighter(newton: float) -> Scenario:
-    """The study with weaker rotors."""
+def with_weaker_rotors(newton: float) -> Scenario:
+    """Return the study with weaker rotors."""
     data = SETTINGS.model_dump()
     data["agent_types"]["two_arms"]["thrust_max_N"] = newton
     return Scenario.model_validate(data)

@@ -1,4 +1,4 @@
-"""Runs of the plant and the quantities that must be kept, for tests and evidence."""
+"""Runs of the plant and conserved quantities, for tests and evidence."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from tests.support import random_teams as teams
 from tests.support.pinocchio_team import PinocchioTeam
 
 
-def idle(team: Team) -> TeamInputs:
-    """No thrust, no torques."""
+def zero_inputs(team: Team) -> TeamInputs:
+    """Return inputs without thrust and torque."""
     return tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, group.tree.joints)))
         for n, group in zip(team.sizes, team.agent_groups, strict=True)
     )
 
 
-def thrown(seed: int, structure: tuple = teams.POOL[2]) -> tuple[Team, State]:
-    """A random team moving at about 1 m/s and 1 rad/s."""
+def moving_team(seed: int, structure: tuple = teams.POOL[2]) -> tuple[Team, State]:
+    """Return a random team that moves at about 1 m/s and 1 rad/s."""
     rng = np.random.default_rng(seed)
     return PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
 
 
-def thrown_reference(seed: int) -> tuple[Team, State]:
-    """The reference team at about 1 m/s and 1 rad/s, every velocity that the grasp allows excited."""
+def moving_reference_team(seed: int) -> tuple[Team, State]:
+    """Return the reference team at about 1 m/s and 1 rad/s with every admissible velocity excited."""
     team = teams.reference_team()
     z = contact_dynamics.consistent_initial_state(team, teams.reference_guess())
-    oracle, rng = PinocchioTeam(team), np.random.default_rng(seed)
-    q, v = oracle.coordinates(z)
-    A = oracle.jacobian(q)
+    model, rng = PinocchioTeam(team), np.random.default_rng(seed)
+    q, v = model.coordinates(z)
+    A = model.jacobian(q)
     v = v + rng.normal(size=v.shape)
-    return team, oracle.state(z, v - np.linalg.pinv(A) @ (A @ v))
+    return team, model.state(z, v - np.linalg.pinv(A) @ (A @ v))
 
 
 def energy(team: Team, z: State) -> tuple[jax.Array, jax.Array]:
-    """Kinetic and potential energy, J."""
+    """Return kinetic and potential energy [J]."""
     load, J = z.payload, team.payload.inertia
     kinetic = team.payload.mass * (load.v @ load.v) / 2 + load.omega @ J @ load.omega / 2
     potential = -team.payload.mass * (team.gravity @ load.p)
@@ -59,7 +59,7 @@ def energy(team: Team, z: State) -> tuple[jax.Array, jax.Array]:
 
 
 def momentum(team: Team, z: State) -> jax.Array:
-    """Linear and angular momentum about the origin, world, kg m/s and kg m^2/s."""
+    """Return linear and angular momentum about the world origin [kg m/s, kg m^2/s]."""
     load = z.payload
     P = team.payload.mass * load.v
     L = jnp.cross(load.p, P) + load.R @ team.payload.inertia @ load.omega
@@ -72,7 +72,7 @@ def momentum(team: Team, z: State) -> jax.Array:
 
 
 def step(team: Team, z: State, inputs: TeamInputs, f: ResidualForces, dt: jax.Array, projected: jax.Array) -> State:
-    """One step; the projection may be left out."""
+    """Return the state after one step, optionally without projection."""
     z = contact_dynamics.rkmk4_step(team, z, inputs, lambda _z, _t: f, dt)
     return jax.lax.cond(projected, lambda z: contact_dynamics.project_to_constraints(team, z), lambda z: z, z)
 
@@ -81,7 +81,7 @@ def step(team: Team, z: State, inputs: TeamInputs, f: ResidualForces, dt: jax.Ar
 def run(
     team: Team, z: State, inputs: TeamInputs, f: ResidualForces, dt: jax.Array, steps: jax.Array, projected: jax.Array
 ) -> State:
-    """The state after a number of steps under constant inputs."""
+    """Return the state after a number of steps under constant inputs."""
     return jax.lax.fori_loop(0, steps, lambda _, z: step(team, z, inputs, f, dt, projected), z)
 
 
@@ -89,8 +89,8 @@ def run(
 def track(
     team: Team, z: State, dt: jax.Array, projected: jax.Array, *, samples: int, every: int
 ) -> tuple[State, dict[str, jax.Array]]:
-    """A free motion, sampled; `work` is what the projection added to the energy, `rough` its absolute sum, J."""
-    inputs, f = idle(team), zero_residual(team)
+    """Return a sampled free motion, with the energy that the projection added and its sum of absolute values [J]."""
+    inputs, f = zero_inputs(team), zero_residual(team)
 
     def inner(_: int, carry: tuple) -> tuple:
         z, work, rough = carry
@@ -124,7 +124,7 @@ def track(
 
 
 def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[TeamInputs, ResidualForces]:
-    """Constant inputs about a share of hover and a constant force on the payload."""
+    """Return constant inputs near hover and a constant force on the payload."""
     rng, f = np.random.default_rng(seed), zero_residual(team)
     mass = float(team.payload.mass + sum(group.mass.sum() for group in team.agent_groups))
     hover *= 9.81 * mass / sum(team.sizes)
@@ -141,7 +141,7 @@ def forced(team: Team, seed: int, hover: float = 1.0) -> tuple[TeamInputs, Resid
 
 
 def convergence(team: Team, z: State, seed: int, projected: bool, hover: float = 1.0) -> dict[str, object]:
-    """Errors of state and contact force after 0.4 s over five step sizes, and the slopes of their logarithms."""
+    """Return errors of state and contact force after 0.4 s over five step sizes, and their logarithmic slopes."""
     inputs, f = forced(team, seed, hover)
 
     def end(steps: int) -> tuple[np.ndarray, np.ndarray]:
@@ -160,8 +160,8 @@ def convergence(team: Team, z: State, seed: int, projected: bool, hover: float =
 
 
 @functools.partial(jax.jit, static_argnames="steps")
-def arrival(team: Team, z: State, inputs: TeamInputs, f: ResidualForces, *, steps: int) -> jax.Array:
-    """A smooth number that depends on everything: where payload and agents are, and how fast, after some steps."""
+def final_value(team: Team, z: State, inputs: TeamInputs, f: ResidualForces, *, steps: int) -> jax.Array:
+    """Return a smooth scalar of payload and agent positions and velocities after some steps."""
     dt = jnp.array(1e-3)
 
     def body(z: State, _: None) -> tuple[State, None]:
@@ -175,7 +175,7 @@ def arrival(team: Team, z: State, inputs: TeamInputs, f: ResidualForces, *, step
 
 
 def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, TeamInputs, ResidualForces]:
-    """The case with masses, inertias, velocities, inputs and forces changed by s; positions stay on the grasp."""
+    """Return the case with masses, inertias, velocities, inputs and forces changed by s, on the same grasp."""
     team, z, inputs, f, turns, F = case
     scale = lambda x, k: x * (1 + s * k)  # noqa: E731
     groups = tuple(
@@ -198,7 +198,7 @@ def _varied(s: jax.Array, case: tuple) -> tuple[Team, State, TeamInputs, Residua
 
 @functools.partial(jax.jit, static_argnames="steps")
 def _value(s: jax.Array, case: tuple, *, steps: int) -> jax.Array:
-    return arrival(*_varied(s, case), steps=steps)
+    return final_value(*_varied(s, case), steps=steps)
 
 
 @functools.partial(jax.jit, static_argnames="steps")
@@ -212,34 +212,34 @@ def _reverse(case: tuple, *, steps: int) -> jax.Array:
 
 
 def gradient_errors(team: Team, z: State, seed: int, steps: int, hover: float = 1.0) -> dict[str, float]:
-    """Forward- and reverse-mode derivatives of `arrival` along a direction against central differences, relative."""
+    """Return relative errors of forward- and reverse-mode derivatives against central differences."""
     rng = np.random.default_rng(seed + 1)
     turns = tuple(jnp.array(0.1 * rng.normal(size=(2, *a.omega.shape))) for a in z.agents)
     case = (team, z, *forced(team, seed, hover), turns, jnp.array(rng.normal(size=3)))
     forward, reverse = float(_forward(case, steps=steps)), float(_reverse(case, steps=steps))
-    expected, uncertainty = differences(lambda s: float(_value(jnp.array(s), case, steps=steps)))
+    expected, error_estimate = differences(lambda s: float(_value(jnp.array(s), case, steps=steps)))
     return {
         "forward": abs(forward / expected - 1),
         "reverse": abs(reverse / expected - 1),
-        "finite_difference_error": abs(uncertainty / expected),
+        "finite_difference_error": abs(error_estimate / expected),
         "derivative": expected,
     }
 
 
 def differences(value: Callable[[float], float]) -> tuple[float, float]:
-    """The slope at 0 by central differences over twelve steps, extrapolated (Ridders 1982), and its own error estimate.
+    """Return the derivative at 0 by extrapolated central differences (Ridders 1982) and its error estimate.
 
     One step size would be wrong by curvature where the motion is lively, by rounding where it is not.
     """
     table: list[list[float]] = []
-    best, uncertainty = 0.0, np.inf
+    best, error_estimate = 0.0, np.inf
     for i in range(12):
         h = 1e-3 / 2**i
         row = [(value(h) - value(-h)) / (2 * h)]
         for j, above in enumerate(table[-1] if table else []):
             row.append((4 ** (j + 1) * row[j] - above) / (4 ** (j + 1) - 1))
             error = max(abs(row[-1] - row[j]), abs(row[-1] - above))
-            if error < uncertainty:
-                best, uncertainty = row[-1], error
+            if error < error_estimate:
+                best, error_estimate = row[-1], error
         table.append(row)
-    return best, uncertainty
+    return best, error_estimate

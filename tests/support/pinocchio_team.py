@@ -1,7 +1,7 @@
-"""The whole team as one Pinocchio model with dense linear algebra: the oracle of the plant.
+"""The whole team as one Pinocchio model with dense linear algebra, as a reference for the plant.
 
 It shares no code with `colift`: kinematics, mass matrix and bias are Pinocchio's, the contacts are solved as one
-KKT system. Coordinates are Pinocchio's (base origin, velocities in the body frame); conversions use its centre of mass.
+KKT system. Coordinates are Pinocchio's (base origin, velocities in the body frame); conversions use its center of mass.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from colift.models.state import AgentInput, ResidualForces, State
 
 
 def take(group: object, j: int) -> SimpleNamespace:
-    """The fields of agent j of a group, as NumPy arrays."""
+    """Return the fields of agent j of a group as NumPy arrays."""
     fields = {field.name: getattr(group, field.name) for field in dataclasses.fields(group)}
     return SimpleNamespace(**{k: x if isinstance(x, KinematicTree) else np.asarray(x)[j] for k, x in fields.items()})
 
 
 def add_agent(model: pin.Model, agent: SimpleNamespace, name: str) -> list[int]:
-    """Append an agent depth-first (Pinocchio is silently wrong otherwise); the frames of its tips."""
+    """Append an agent depth-first, as Pinocchio requires, and return the frames of its tips."""
     tree = agent.tree
     base = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
     model.appendBodyToJoint(base, _inertia(agent, 0), pin.SE3.Identity())
@@ -59,7 +59,7 @@ def _inertia(agent: SimpleNamespace, i: int) -> pin.Inertia:
 
 
 class FreeAgent:
-    """One agent in Pinocchio, and the map between its coordinates and ours."""
+    """One agent in Pinocchio, with the map between its coordinates and those of colift."""
 
     def __init__(self, agent: SimpleNamespace) -> None:
         self.model = pin.Model()
@@ -69,7 +69,7 @@ class FreeAgent:
         self.index = np.array([self.model.joints[self.model.getJointId(f"agent {k}")].idx_v - 6 for k in joints], int)
 
     def coordinates(self, state: SimpleNamespace) -> tuple[np.ndarray, np.ndarray]:
-        """`(q, v)` of Pinocchio at our state."""
+        """Return Pinocchio's `(q, v)` at a state of colift."""
         R, r, r_dot = np.array(state.R), np.zeros(len(self.index)), np.zeros(len(self.index))
         r[self.index], r_dot[self.index] = state.r, state.r_dot
         quaternion = Rotation.from_matrix(R).as_quat()
@@ -80,12 +80,12 @@ class FreeAgent:
         v[:3] = R.T @ (np.array(state.v) - self.data.vcom[0])
         return q, v
 
-    def to_ours(self, v: np.ndarray) -> np.ndarray:
-        """`(omega, r_dot)`, or its rate, in our order, from the velocity coordinates of Pinocchio."""
+    def to_colift(self, v: np.ndarray) -> np.ndarray:
+        """Convert Pinocchio's velocity coordinates, or their rate, to `(omega, r_dot)` in the order of colift."""
         return np.concatenate([v[3:6], v[6:][self.index]])
 
-    def from_ours(self, xi: np.ndarray) -> np.ndarray:
-        """Coordinates of Pinocchio of a force on `(mu, nu)`, or of `(omega, r_dot)` at a still base origin."""
+    def from_colift(self, xi: np.ndarray) -> np.ndarray:
+        """Convert a force on `(mu, nu)`, or `(omega, r_dot)` at a fixed base origin, to Pinocchio's coordinates."""
         r = np.zeros(len(self.index))
         r[self.index] = xi[3:]
         return np.concatenate([np.zeros(3), xi[:3], r])
@@ -93,7 +93,7 @@ class FreeAgent:
 
 @dataclasses.dataclass
 class Solution:
-    """What the oracle says, in our coordinates."""
+    """Accelerations and contact forces in the coordinates of colift."""
 
     v_dot: list[np.ndarray]  # one an agent
     xi_dot: list[np.ndarray]
@@ -108,7 +108,7 @@ class Solution:
 
 
 class PinocchioTeam:
-    """A team as one model: bases and payload on free-flyers, contacts by a dense KKT system."""
+    """A team as one model: bases and payload with free-flyer joints, contacts by a dense KKT system."""
 
     def __init__(self, team: Team) -> None:
         self.team = team
@@ -133,18 +133,18 @@ class PinocchioTeam:
         self.parts = [slice(end - free.model.nv, end) for end, free in zip(ends, self.free, strict=True)]
 
     def states(self, z: State) -> list[SimpleNamespace]:
-        """The states of the agents, one by one."""
+        """Return the states of the agents as a list."""
         return [take(a, j) for a, size in zip(z.agents, self.team.sizes, strict=True) for j in range(size)]
 
     def coordinates(self, z: State) -> tuple[np.ndarray, np.ndarray]:
-        """`(q, v)` of the whole model."""
+        """Return `(q, v)` of the whole model."""
         q, v = zip(*(f.coordinates(a) for f, a in zip(self.free, self.states(z), strict=True)), strict=True)
         load, R = z.payload, np.array(z.payload.R)
         q_L = np.concatenate([load.p, Rotation.from_matrix(R).as_quat()])
         return np.concatenate([*q, q_L]), np.concatenate([*v, R.T @ np.array(load.v), load.omega])
 
     def state(self, z: State, v: np.ndarray) -> State:
-        """The state z with its velocities replaced by those of Pinocchio's coordinates."""
+        """Return the state z with its velocities replaced by those of Pinocchio's coordinates."""
         q, _ = self.coordinates(z)
         groups, j, at = [], 0, 0
         for a, size in zip(z.agents, self.team.sizes, strict=True):
@@ -152,7 +152,7 @@ class PinocchioTeam:
             for free in self.free[j : j + size]:
                 part = v[self.parts[j]]
                 pin.centerOfMass(free.model, free.data, q[at : at + free.model.nq], part)
-                xi.append(free.to_ours(part))
+                xi.append(free.to_colift(part))
                 v_com.append(free.data.vcom[0].copy())
                 j, at = j + 1, at + free.model.nq
             xi = np.array(xi)
@@ -165,25 +165,25 @@ class PinocchioTeam:
         return State(agents=tuple(groups), payload=load)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """`A`: velocities of the tips relative to the payload's contacts, world."""
+        """Return `A`: velocities of the tips relative to the payload's contacts, in the world frame."""
         pin.computeJointJacobians(self.model, self.data, q)
         pin.updateFramePlacements(self.model, self.data)
         J = lambda f: pin.getFrameJacobian(self.model, self.data, f, pin.LOCAL_WORLD_ALIGNED)[:3]  # noqa: E731
         return np.concatenate([J(a) - J(b) for a, b in zip(self.tips, self.contacts, strict=True)])
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
-        """`M`, dense."""
+        """Return the dense mass matrix."""
         M = pin.crba(self.model, self.data, q)
         return np.triu(M) + np.triu(M, 1).T
 
-    def gap(self, z: State) -> np.ndarray:
-        """`Phi`, one row a contact."""
+    def constraint_residual(self, z: State) -> np.ndarray:
+        """Return `Phi`, one row per contact."""
         pin.framesForwardKinematics(self.model, self.data, self.coordinates(z)[0])
         at = lambda f: self.data.oMf[f].translation  # noqa: E731
         return np.array([at(a) - at(b) for a, b in zip(self.tips, self.contacts, strict=True)])
 
     def on_grasp(self, z: State) -> tuple[Team, State]:
-        """The team with contacts where the tips of z are, and z with the nearest velocities it allows."""
+        """Return the team with contacts at the tips of z, and z with the nearest admissible velocities."""
         pin.framesForwardKinematics(self.model, self.data, self.coordinates(z)[0])
         points = np.array([self.data.oMf[f].translation for f in self.tips])
         c = (points - np.array(z.payload.p)) @ np.array(z.payload.R)
@@ -199,8 +199,8 @@ class PinocchioTeam:
         A = other.jacobian(q)
         return team, other.state(z, v - np.linalg.pinv(A) @ (A @ v))
 
-    def accelerate(self, z: State, inputs: tuple[AgentInput, ...], f: ResidualForces) -> Solution:
-        """Accelerations and contact forces: `[M A^T; A 0] [a; lam] = [tau - nle; -A_dot v]`."""
+    def solve_kkt(self, z: State, inputs: tuple[AgentInput, ...], f: ResidualForces) -> Solution:
+        """Return accelerations and contact forces: `[M A^T; A 0] [a; lam] = [tau - nle; -A_dot v]`."""
         q, v = self.coordinates(z)
         A = self.jacobian(q)
         M = self.mass_matrix(q)
@@ -223,7 +223,7 @@ class PinocchioTeam:
             pin.centerOfMass(free.model, free.data, q[at : at + free.model.nq], v[part], a[part])
             at += free.model.nq
             v_dot.append(free.data.acom[0].copy())
-            xi_dot.append(free.to_ours(a[part]))
+            xi_dot.append(free.to_colift(a[part]))
         classical = a[-6:-3] + np.cross(v[-3:], v[-6:-3])
         return Solution(
             v_dot=v_dot,
@@ -234,7 +234,7 @@ class PinocchioTeam:
         )
 
     def force(self, q: np.ndarray, z: State, inputs: tuple[AgentInput, ...], f: ResidualForces) -> np.ndarray:
-        """Generalized forces in Pinocchio's coordinates, by virtual power."""
+        """Return generalized forces in Pinocchio's coordinates, by virtual power."""
         tau, at, j = [], 0, 0
         for u, f_g, size in zip(inputs, f.agents, self.team.sizes, strict=True):
             for i in range(size):
@@ -242,19 +242,19 @@ class PinocchioTeam:
                 part = q[at : at + free.model.nq]
                 at, j = at + free.model.nq, j + 1
                 J_com = pin.jacobianCenterOfMass(free.model, free.data, part)
-                own = free.from_ours(np.concatenate([u_i.tau + f_i.f_w, u_i.tau_r + f_i.f_r]))
+                own = free.from_colift(np.concatenate([u_i.tau + f_i.f_w, u_i.tau_r + f_i.f_r]))
                 own[2] += u_i.u
                 tau.append(own + J_com.T @ f_i.f_x)
         R = np.array(z.payload.R)
         return np.concatenate([*tau, R.T @ np.array(f.payload.F), np.array(f.payload.tau)])
 
     def energy(self, z: State) -> tuple[float, float]:
-        """Kinetic and potential energy, J."""
+        """Return kinetic and potential energy [J]."""
         q, v = self.coordinates(z)
         kinetic = pin.computeKineticEnergy(self.model, self.data, q, v)
         return float(kinetic), float(pin.computePotentialEnergy(self.model, self.data, q))
 
     def momentum(self, z: State) -> np.ndarray:
-        """Linear momentum and angular momentum about the origin, world."""
+        """Return linear momentum and angular momentum about the world origin."""
         h = pin.computeCentroidalMomentum(self.model, self.data, *self.coordinates(z))
         return np.concatenate([h.linear, h.angular + np.cross(self.data.com[0], h.linear)])

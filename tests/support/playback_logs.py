@@ -1,4 +1,4 @@
-"""Flights to look at: a short one of the smallest team, flown once a process, and made-up ones of the paper's."""
+"""Logs for playback tests: a short flight of the smallest team, simulated once per process, and random ones."""
 
 from __future__ import annotations
 
@@ -21,42 +21,45 @@ CASES = {"C1": "no learning", "C3": "payload and agent learning"}
 
 
 def labelled(
-    rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, told: scenario.Scenario, **attrs: Any
+    rows: signals.StepRecord,
+    sigma: prediction_uncertainty.PredictionUncertainty,
+    settings: scenario.Scenario,
+    **attrs: Any,
 ) -> xr.Dataset:
-    """A log as a study writes it, of what pages are made of."""
-    stated = {
+    """Return a log as a study writes it, with the attributes that pages use."""
+    attributes = {
         "termination_reason": "",
         "complete": 1,
         "update_times_s": [],
-        "T_end_s": told.learning.end_s,
+        "T_end_s": settings.learning.end_s,
         "version": "0.1.0",
     }
-    stated |= {"scenario_json": told.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
-    names = (team.agent_names(told), team.joint_names(told), team.contact_names(told))
+    attributes |= {"scenario_json": settings.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
+    names = (team.agent_names(settings), team.joint_names(settings), team.contact_names(settings))
     named = dict(zip(("agents", "joints", "contacts"), names, strict=True))
-    return log.dataset(rows, team=team.team(told)[0], sigma=sigma, attrs=stated | attrs, **named)
+    return log.dataset(rows, team=team.team(settings)[0], sigma=sigma, attrs=attributes | attrs, **named)
 
 
 @functools.cache
-def told() -> scenario.Scenario:
-    """A short flight of the smallest team, with one update."""
+def short_flight() -> scenario.Scenario:
+    """Return a short flight of the smallest team with one update."""
     learning = light.SAMPLE.learning.model_copy(update={"update_times_s": (0.8,), "end_s": 0.8, "start_s": 0.1})
     return light.settings(learning=learning, duration_s=1.5)
 
 
 @functools.cache
-def flown() -> dict[str, xr.Dataset]:
-    """Two cases of it."""
+def two_case_logs() -> dict[str, xr.Dataset]:
+    """Return logs of two cases of that flight."""
     found = {}
-    for case, plan in experiment.make_experiments(told(), tuple(CASES)).items():
-        flight = run_experiment(plan)
+    for case, one_experiment in experiment.make_experiments(short_flight(), tuple(CASES)).items():
+        flight = run_experiment(one_experiment)
         assert not flight.termination_reason
         updates = [update.t for update in flight.updates]
-        found[case] = labelled(flight.records, flight.uncertainty, told(), update_times_s=updates, case=case)
+        found[case] = labelled(flight.records, flight.uncertainty, short_flight(), update_times_s=updates, case=case)
     return found
 
 
-def random_log(shape: flights.Shape = flights.PAPER, told: scenario.Scenario = PAPER) -> xr.Dataset:
-    """A made-up flight of the paper's team."""
+def random_log(shape: flights.Shape = flights.PAPER, settings: scenario.Scenario = PAPER) -> xr.Dataset:
+    """Return a random log of the paper's team."""
     rng = np.random.default_rng(8)
-    return labelled(flights.rows(rng, shape), flights.sigma(rng, shape), told)
+    return labelled(flights.rows(rng, shape), flights.sigma(rng, shape), settings)

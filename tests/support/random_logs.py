@@ -1,4 +1,4 @@
-"""Made-up flights for tests of the log and the figures: every signal random, the shapes those of a team."""
+"""Random logs for tests of log and figures, with the shapes of a team."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Shape(NamedTuple):
 
     @property
     def sizes(self) -> dict[str, int]:
-        """What the names in the annotations of `Row` stand for."""
+        """Return the sizes of the dimensions named in the annotations of `Row`."""
         agents, joints, contacts = (
             sum(n for n, _, _ in self.groups),
             sum(n * j for n, j, _ in self.groups),
@@ -44,7 +44,7 @@ class Shape(NamedTuple):
 
     @property
     def names(self) -> dict[str, list[str]]:
-        """Names of agents, joints and contacts in team order."""
+        """Return names of agents, joints and contacts in team order."""
         team = [(j, a) for n, j, a in self.groups for _ in range(n)]
         return {
             "agents": [f"agent{i}" for i in range(len(team))],
@@ -69,18 +69,18 @@ def team(groups: tuple[tuple[int, int, int], ...]) -> Team:
     return random_teams.team(np.random.default_rng(11), tuple(structure))
 
 
-def axes(field: str) -> list[str]:
-    """The axes that `Row` states for a field, in its annotation."""
+def field_axes(field: str) -> list[str]:
+    """Return the axes that the annotation of a field of `Row` states."""
     stated = re.search(r"Array, ['\"](.*?)['\"]", str(StepRecord.__annotations__[field]))
     assert stated
     return stated[1].replace("*", "").split()
 
 
 def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRecord:
-    """A random log of the shapes that `Row` states; some signals may be given."""
+    """Return a random log with the shapes that `Row` states; some signals may be given."""
     sizes = shape.sizes
     leaves = {
-        field.name: rng.normal(size=[sizes[axis] if axis in sizes else int(axis) for axis in axes(field.name)])
+        field.name: rng.normal(size=[sizes[axis] if axis in sizes else int(axis) for axis in field_axes(field.name)])
         for field in dataclasses.fields(StepRecord)
     }
     leaves["t"] = shape.period * np.arange(shape.time)
@@ -92,7 +92,7 @@ def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRec
 
 
 def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> PredictionUncertainty:
-    """Random deviations and radii at every so many ticks."""
+    """Return random standard deviations and bounds at a decimated rate."""
     t = shape.period * np.arange(0, shape.time, every)
     return PredictionUncertainty(
         t=t,
@@ -106,7 +106,7 @@ def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> PredictionU
 
 
 def dataset(rng: np.random.Generator, shape: Shape = PAPER, **attrs: object) -> xr.Dataset:
-    """A random flight as the study logs it."""
+    """Return a random flight as the study logs it."""
     stated = {
         "case": "C3",
         "seed": 1,

@@ -1,4 +1,4 @@
-"""Random teams and states for tests, evidence and benchmarks, and the reference team of the study in plain numbers.
+"""Random teams and states for tests, evidence and benchmarks, and the reference team of the study as numbers.
 
 Structures come from small pools, so that compilations are shared; all numbers are random. Contact points are
 read off a random pose, so that every state is on the grasp; velocities are projected by dense linear algebra.
@@ -36,19 +36,19 @@ POOL: tuple[tuple[tuple[KinematicTree, int], ...], ...] = (  # (tree, agents) of
 
 
 def stack(values: list) -> object:
-    """Values of one structure on a leading axis (in NumPy: nothing to compile)."""
+    """Stack values of one structure on a leading axis in NumPy, without compilation."""
     return jax.tree.map(lambda *leaves: jnp.array(np.stack(leaves)), *values)
 
 
 def rotation(rng: np.random.Generator) -> np.ndarray:
-    """A uniformly random rotation matrix."""
-    from scipy.spatial.transform import Rotation  # half a second that the start of the reference team need not pay
+    """Return a uniformly random rotation matrix."""
+    from scipy.spatial.transform import Rotation  # saves half a second at the start of the reference team
 
     return Rotation.random(random_state=rng).as_matrix()
 
 
 def inertia(rng: np.random.Generator, mass: float, size: float) -> np.ndarray:
-    """Inertia of a random cloud of point masses about its centre: always physical."""
+    """Return the inertia of a random cloud of point masses about its center, which is always physical."""
     points = size * rng.normal(size=(6, 3))
     points -= points.mean(0)
     second = points.T @ points * mass / 6
@@ -56,7 +56,7 @@ def inertia(rng: np.random.Generator, mass: float, size: float) -> np.ndarray:
 
 
 def agent(rng: np.random.Generator, tree: KinematicTree) -> AerialManipulator:
-    """An aerial manipulator with every number random; its contacts are set by `team_and_state`."""
+    """Return an aerial manipulator with random numbers; the contacts are set by `team_and_state`."""
     mass = np.concatenate([[rng.uniform(1, 2)], rng.uniform(0.05, 0.3, tree.joints)])
     axis = rng.normal(size=(tree.joints, 3))
     return AerialManipulator(
@@ -74,7 +74,7 @@ def agent(rng: np.random.Generator, tree: KinematicTree) -> AerialManipulator:
 
 
 def agent_state(rng: np.random.Generator, tree: KinematicTree, speed: float = 1.0) -> AgentState:
-    """A random state of one free agent, about a metre from the origin."""
+    """Return a random state of one free agent, about a meter from the origin."""
     return AgentState(
         R=jnp.array(rotation(rng)),
         x=jnp.array(rng.normal(size=3)),
@@ -86,7 +86,7 @@ def agent_state(rng: np.random.Generator, tree: KinematicTree, speed: float = 1.
 
 
 def payload_state(rng: np.random.Generator, speed: float = 1.0) -> PayloadState:
-    """A random state of a free payload near the origin."""
+    """Return a random state of a free payload near the origin."""
     return PayloadState(
         R=jnp.array(rotation(rng)),
         p=jnp.array(0.3 * rng.normal(size=3)),
@@ -96,7 +96,7 @@ def payload_state(rng: np.random.Generator, speed: float = 1.0) -> PayloadState:
 
 
 def team(rng: np.random.Generator, structure: tuple[tuple[KinematicTree, int], ...]) -> Team:
-    """A random team without contacts."""
+    """Return a random team without contacts."""
     mass = rng.uniform(1, 3)
     return Team(
         agent_groups=tuple(stack([agent(rng, tree) for _ in range(size)]) for tree, size in structure),
@@ -106,7 +106,7 @@ def team(rng: np.random.Generator, structure: tuple[tuple[KinematicTree, int], .
 
 
 def free_state(rng: np.random.Generator, structure: tuple[tuple[KinematicTree, int], ...]) -> State:
-    """A random state of bodies that do not touch."""
+    """Return a random state of bodies without contact."""
     return State(
         agents=tuple(stack([agent_state(rng, tree) for _ in range(size)]) for tree, size in structure),
         payload=payload_state(rng),
@@ -114,7 +114,7 @@ def free_state(rng: np.random.Generator, structure: tuple[tuple[KinematicTree, i
 
 
 def reference_agent(contact: list[list[float]]) -> AerialManipulator:
-    """An agent of the reference team: a waist yawing about body z, two arms rolling about x (in numbers: the study)."""
+    """Return an agent of the reference team: a waist joint about body z, two arms that rotate about x."""
     rod = np.diag([0.12 * 0.3**2 / 12, 0.12 * 0.3**2 / 12, 1e-5])
     return AerialManipulator(
         tree=WAIST_TWO_ARMS,
@@ -131,7 +131,7 @@ def reference_agent(contact: list[list[float]]) -> AerialManipulator:
 
 
 def reference_team(agents: int = 2) -> Team:
-    """Alike agents in a row along x, each holding the payload on both sides."""
+    """Return equal agents in a row along x, each of which holds the payload on both sides."""
     return Team(
         agent_groups=(stack([reference_agent([[x, 0.36, 0.05], [x, -0.36, 0.05]]) for x in _row(agents)]),),
         payload=Payload(mass=jnp.array(1.5), inertia=jnp.diag(jnp.array([0.04, 0.15, 0.18]))),
@@ -140,7 +140,7 @@ def reference_team(agents: int = 2) -> Team:
 
 
 def reference_guess(agents: int = 2) -> State:
-    """Level, at rest, arms 1.2 rad from straight down: a centimetre off the grasp."""
+    """Return a level state at rest with arms 1.2 rad from vertical, one centimeter off the grasp."""
     height = 0.05 + 0.3 * np.cos(1.2) - 0.03
     return State(
         agents=(

@@ -1,4 +1,4 @@
-"""Shipped scenarios as a slip of the hand, another program or malice would leave them: a mutant for every seed."""
+"""Mutants of shipped scenarios, one for every seed: typing errors, changes by other programs, malicious input."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def _pick(rng: np.random.Generator, of: list[str]) -> str:
     return of[rng.integers(len(of))]
 
 
-def _instead(rng: np.random.Generator, text: str, pattern: str, values: list[str]) -> str:
-    """The text with one match of a pattern replaced."""
+def _replace_match(rng: np.random.Generator, text: str, pattern: str, values: list[str]) -> str:
+    """Return the text with one match of a pattern replaced."""
     found = list(re.finditer(pattern, text, re.MULTILINE))
     if not found:
         return text
@@ -106,14 +106,14 @@ def _lines(change: Callable[[np.random.Generator, list[str], int], list[str]]) -
 
 
 MUTATIONS: list[Mutation] = [
-    *3 * [lambda rng, text: _instead(rng, text, r"(?<![\w.])(-?\d[\d.e+-]*)", NUMBERS)],
-    *2 * [lambda rng, text: _instead(rng, text, r"(?<![\w.])(-?\d[\d.e+-]*)", VALUES)],
-    *2 * [lambda rng, text: _instead(rng, text, r": (\S.*)$", VALUES)],
-    lambda rng, text: _instead(rng, text, r": ([A-Za-z_/]+)", VALUES),
-    lambda rng, text: _instead(
+    *3 * [lambda rng, text: _replace_match(rng, text, r"(?<![\w.])(-?\d[\d.e+-]*)", NUMBERS)],
+    *2 * [lambda rng, text: _replace_match(rng, text, r"(?<![\w.])(-?\d[\d.e+-]*)", VALUES)],
+    *2 * [lambda rng, text: _replace_match(rng, text, r": (\S.*)$", VALUES)],
+    lambda rng, text: _replace_match(rng, text, r": ([A-Za-z_/]+)", VALUES),
+    lambda rng, text: _replace_match(
         rng, text, r"([A-Za-z_0-9]+):", ["name", "kind", "urdf", "1", "~", '"\\ud800"', "<<", "x"]
     ),
-    lambda rng, text: _instead(rng, text, r"([A-Za-z_0-9]+):", ["".join(rng.choice(list("abc_NmHz"), 6))]),
+    lambda rng, text: _replace_match(rng, text, r"([A-Za-z_0-9]+):", ["".join(rng.choice(list("abc_NmHz"), 6))]),
     _lines(lambda rng, rows, i: rows[:i] + rows[i + 1 :]),
     _lines(lambda rng, rows, i: rows[: i + 1] + rows[i:]),
     _lines(lambda rng, rows, i: rows[:i] + 200 * rows[i : i + 1] + rows[i:]),
@@ -126,13 +126,13 @@ MUTATIONS: list[Mutation] = [
     lambda rng, text: text.replace("\n", _pick(rng, ["\r\n", "\r", "\x85", "\u2028", " "])),
     lambda rng, text: text[: int(rng.integers(len(text)))],
     lambda rng, text: text[(i := int(rng.integers(len(text)))) :] + text[:i],
-    lambda rng, text: _sprinkled(rng, text),
+    lambda rng, text: _insert_yaml_signs(rng, text),
     lambda rng, text: text * int(rng.integers(2, 40)),
 ]
 
 
-def _sprinkled(rng: np.random.Generator, text: str) -> str:
-    """Signs that mean something to YAML, anywhere."""
+def _insert_yaml_signs(rng: np.random.Generator, text: str) -> str:
+    """Insert characters with a meaning in YAML at random positions."""
     for _ in range(int(rng.integers(1, 6))):
         i = int(rng.integers(len(text) + 1))
         text = text[:i] + _pick(rng, list("[]{},:#&*!|>'\"%@`?-\n\t\0 \x07\x7f\u0085\ufeff\U0001f681")) + text[i:]
@@ -140,7 +140,7 @@ def _sprinkled(rng: np.random.Generator, text: str) -> str:
 
 
 def _bytes(rng: np.random.Generator, text: str) -> bytes:
-    """Most are UTF-8; some another encoding, some with bytes that are none."""
+    """Encode a mutant, mostly as UTF-8; sometimes in another encoding or with invalid bytes."""
     way = rng.integers(20)
     if way == 0:
         return text.encode(_pick(rng, ["utf-16", "utf-32", "latin-1", "utf-8-sig"]), "replace")
@@ -152,7 +152,7 @@ def _bytes(rng: np.random.Generator, text: str) -> bytes:
 
 
 def mutant(seed: int) -> bytes:
-    """One mutation, or a few, of one of the scenarios."""
+    """Return one of the scenarios with one or several mutations."""
     rng = np.random.default_rng(seed)
     text = _pick(rng, TEXTS)
     for _ in range(int(rng.geometric(0.6))):

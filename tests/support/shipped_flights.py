@@ -1,4 +1,4 @@
-"""Values of a short flight and of transformed PyTrees; `python -m tests.shipped FILE` finds them without conftest."""
+"""Values of a short flight and of transformed PyTrees; as a program it writes them without the test configuration."""
 
 from __future__ import annotations
 
@@ -16,16 +16,18 @@ from tests.support import paper_flights
 
 
 def values() -> dict[str, np.ndarray]:
-    """Named arrays: a log with one update in it, and values of PyTrees that went through transformations."""
+    """Return named arrays: a log with one update, and values of transformed PyTrees."""
     return _flight() | _transformed()
 
 
 def _flight() -> dict[str, np.ndarray]:
-    """C3 for 0.6 s, told at 0.5 s by what it recorded from the start on; hyperparameters stay."""
+    """Simulate C3 for 0.6 s with an update at 0.5 s and unchanged hyperparameters."""
     of = paper_flights.shortened("C3")
     recorder = dataclasses.replace(of.controller.recorder, start=paper_flights.number(0.0))
-    of = dataclasses.replace(paper_flights.with_pilot(of, recorder=recorder), update_times=(0.5,), fit_options=None)
-    flight = paper_flights.fly(of, 0.6)
+    of = dataclasses.replace(
+        paper_flights.with_controller(of, recorder=recorder), update_times=(0.5,), fit_options=None
+    )
+    flight = paper_flights.simulate(of, 0.6)
     assert not flight.termination_reason
     assert flight.updates[0].num_samples["payload"] > 3
     names = {
@@ -38,8 +40,8 @@ def _flight() -> dict[str, np.ndarray]:
 
 
 def _transformed() -> dict[str, np.ndarray]:
-    """PyTrees mapped, stacked, batched by axes that are PyTrees, compiled, differentiated, taken apart and rebuilt."""
-    of = paper_flights.plan("C3")
+    """Return PyTrees after vmap, stacking, batching by PyTree axes, compilation, differentiation and flattening."""
+    of = paper_flights.paper_experiment("C3")
     z, group = of.initial_state, of.world.team.agent_groups[0]
     _, tree = jax.tree.flatten(of.world)
     rng = np.random.default_rng(0)

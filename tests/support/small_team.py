@@ -1,4 +1,4 @@
-"""The smallest team that carries a payload, three single bodies that hold a plate: its flights compile in seconds."""
+"""The smallest team that carries a payload: three single bodies that hold a plate, which compiles in seconds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CONTACTS = ((0.4, 0.0, 0.03), (-0.2, 0.35, 0.03), (-0.2, -0.35, 0.03))
 
 
 def settings(**changes: Any) -> Scenario:
-    """The sample scenario, flown by that team, with some settings changed."""
+    """Return the sample scenario with that team and with some settings changed."""
     base = {"mass_kg": 1.5, "inertia_kgm2": [0.02, 0.02, 0.035]}
     arms = [{"name": "hook", "joint": "base", "tip_position_m": [0.0, 0.0, -0.1]}]
     team = {
@@ -30,6 +30,6 @@ NAMES = tuple(agent.name for agent in settings().agents)
 
 
 def write(path: Path, **changes: Any) -> Path:
-    """The same as a scenario file: JSON is YAML."""
+    """Write the same scenario to a file as JSON, which is valid YAML."""
     path.write_text(json.dumps({"schema": 2} | settings(**changes).model_dump(mode="json", exclude_none=True)))
     return path

@@ -1,4 +1,4 @@
-"""Flights of the paper's cases and of rivals, made up: what figures are drawn of."""
+"""Generated flights of all cases, for tests of figures."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ TOLD = experiment.PAPER_CASES | experiment.BASELINES
 
 
 def cases() -> dict[str, xr.Dataset]:
-    """The paper's cases and all rivals, made up."""
+    """Return generated flights of the paper's cases and all baselines."""
     rng = np.random.default_rng(3)
-    said = {"scenario_json": played.PAPER.model_dump_json(exclude_none=True)}
+    attributes = {"scenario_json": played.PAPER.model_dump_json(exclude_none=True)}
     learned = {"update_times_s": [2.5, 4.5, 6.5, 8.5, 10.0], "T_end_s": 10.0}
     unlearned = {"update_times_s": [], "T_end_s": 10.0}
     found = {
         name: flights.dataset(
-            rng, LONG, case=name, **said, **(learned if name in ("C2", "C3", "parametric") else unlearned)
+            rng, LONG, case=name, **attributes, **(learned if name in ("C2", "C3", "parametric") else unlearned)
         )
         for name in (*CASES, *RIVALS)
     }

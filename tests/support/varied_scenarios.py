@@ -1,4 +1,4 @@
-"""Settings that differ from those that are shipped: sections replaced, a team of unlike agents."""
+"""Settings that differ from the shipped ones: replaced sections, and a team of different agents."""
 
 import functools
 
@@ -7,12 +7,12 @@ from colift.scenario import Scenario
 
 
 def changed(name: str, **sections: object) -> Scenario:
-    """A shipped scenario with some sections replaced, validated again."""
+    """Return a shipped scenario with some sections replaced, validated again."""
     return Scenario.model_validate(scenario.load_scenario(name).model_dump() | sections)
 
 
 def bar(joints: list[dict], tips: list[str]) -> dict:
-    """An agent type with a given tree; the numbers do not matter."""
+    """Return an agent type with a given tree and arbitrary numbers."""
     body = {"mass_kg": 0.1, "inertia_kgm2": [1e-3, 1e-3, 1e-3]}
     return {
         "base": {"mass_kg": 1.0, "inertia_kgm2": [0.02, 0.02, 0.03]},
@@ -47,5 +47,5 @@ MIXED = {
 
 @functools.cache
 def mixed() -> Scenario:
-    """Two cranes of one structure and a claw, each with unknown forces of its own."""
+    """Return settings with two cranes of one structure and a claw, each with individual disturbances."""
     return changed("paper", **MIXED)

@@ -40,8 +40,8 @@ TUNED_GAINS = np.array([
 DAMPING = np.array([False, True] * 3 + [False])
 DESIGN_DELAY = 0.004  # s, twice the delay margin that the preflight check requires
 MAX_GAIN_RATIO = math.log(2)  # largest change of a tuned parameter, as a logarithm
-STEP = 1e-3  # of a logarithm, for finite differences of Jacobians with an accuracy of about 1e-10
-REGION, LEAST_REGION = 0.3, 0.03  # initial and final trust region, as logarithms
+DIFFERENCE_STEP = 1e-3  # of a logarithm, for finite differences of Jacobians with an accuracy of about 1e-10
+INITIAL_TRUST_REGION, MIN_TRUST_REGION = 0.3, 0.03  # initial and final trust region, as logarithms
 MAX_LINEARIZATIONS = 80  # budget of the first stage; comparisons with other methods use the same budget
 MAX_SIMULATIONS = 40  # budget of the second stage
 NUM_EIGENVALUES = 60  # slowest eigenvalues in each linear program
@@ -271,8 +271,8 @@ def minimize(
         The best design, its parameters, and the number of evaluations.
     """
     low, high = bounds
-    best, parameters, region, used, gradient = first, start, REGION, 1, None
-    while region > LEAST_REGION and used + 2 + (len(low) if gradient is None else 0) <= max_evaluations:
+    best, parameters, region, used, gradient = first, start, INITIAL_TRUST_REGION, 1, None
+    while region > MIN_TRUST_REGION and used + 2 + (len(low) if gradient is None else 0) <= max_evaluations:
         if gradient is None:
             progress(best, used)
             gradient = gradients(best)
@@ -336,8 +336,8 @@ def contact_displacement_rms(e_p: np.ndarray, e_R: np.ndarray, R_L: np.ndarray, 
 
 
 def _perturbed_scenarios(settings: Scenario) -> list[Scenario]:
-    """Return the scenario with each tuned parameter increased by `STEP`."""
-    return [scale_gains(settings, STEP * e, digits=15) for e in np.eye(len(tunable_gains(settings)))]
+    """Return the scenario with each tuned parameter increased by `DIFFERENCE_STEP`."""
+    return [scale_gains(settings, DIFFERENCE_STEP * e, digits=15) for e in np.eye(len(tunable_gains(settings)))]
 
 
 def _mode_gradients(loop: LoopDesign) -> Slopes:
@@ -375,7 +375,7 @@ def _flight_gradients(cost: FlightCost) -> Slopes:
         )
         flight = run_experiment(flight_experiment)
         if not flight.termination_reason:
-            error_gradient[k] = math.log(_displacement(flight, flight_experiment) / cost.error) / STEP
+            error_gradient[k] = math.log(_displacement(flight, flight_experiment) / cost.error) / DIFFERENCE_STEP
     costs = cost.error / -rates
     return costs, costs[:, None] * (error_gradient + slopes / -rates[:, None])
 
@@ -387,7 +387,7 @@ def decay_rates(M: np.ndarray, perturbed: Sequence[np.ndarray], dt: float) -> Sl
 
     Args:
         M: Jacobian of one tick.
-        perturbed: Jacobians with each parameter increased by `STEP`.
+        perturbed: Jacobians with each parameter increased by `DIFFERENCE_STEP`.
         dt: Control period [s].
 
     Returns:
@@ -398,7 +398,7 @@ def decay_rates(M: np.ndarray, perturbed: Sequence[np.ndarray], dt: float) -> Sl
     order = order[np.abs(values[order]) > stability.DEADBEAT_THRESHOLD]
     values, w, v = values[order], left[:, order].conj(), right[:, order]
     derivatives = [(w * ((A - M) @ v)).sum(0) / ((w * v).sum(0) * values) for A in perturbed]
-    return np.log(np.abs(values)) / dt, np.real(np.stack(derivatives, axis=1)) / (STEP * dt)
+    return np.log(np.abs(values)) / dt, np.real(np.stack(derivatives, axis=1)) / (DIFFERENCE_STEP * dt)
 
 
 def _linear_program_step(costs: np.ndarray, slopes: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -514,7 +514,7 @@ def to_yaml(tuned: Scenario, original: str | None, file: str) -> str:
 
 
 def format_report(
-    before: LoopDesign, after: LoopDesign, old: Mapping[str, Any], new: Mapping[str, Any], spent: EvaluationBudget
+    before: LoopDesign, after: LoopDesign, old: Mapping[str, Any], new: Mapping[str, Any], budget: EvaluationBudget
 ) -> list[str]:
     """Format loops before and after tuning side by side, with their gains.
 
@@ -523,7 +523,7 @@ def format_report(
         after: Loop with the tuned gains.
         old: `summary_values` of the original loop.
         new: `summary_values` of the tuned loop.
-        spent: Evaluations used.
+        budget: Evaluations used.
 
     Returns:
         Lines of text.
@@ -543,7 +543,7 @@ def format_report(
     for name in tunable_gains(before.settings):
         gain_before, gain_after = (getattr(loop.settings.control, name) for loop in (before, after))
         lines.append(f"{'control.' + name:44} {_format_gain(gain_before):>10} {_format_gain(gain_after):>10}")
-    return [*lines, f"{spent.linearizations} linearizations, {spent.simulations} simulations"]
+    return [*lines, f"{budget.linearizations} linearizations, {budget.simulations} simulations"]
 
 
 def _format_gain(gain: Any) -> str:

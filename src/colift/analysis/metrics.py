@@ -38,7 +38,7 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
     """Compute the entries of one case in `summary.json`, except computation times.
 
     RMS values and means are over the second half of the flight. Norms of wrenches and of sigma are given in three
-    forms: force part, moment part, and the total norm of the paper, which adds newtons and newton metres. Names end
+    forms: force part, moment part, and the total norm of the paper, which adds newtons and newton meters. Names end
     with the unit; a name without unit belongs to a dimensionless value, or to one that mixes newtons and newton metres.
 
     Args:

@@ -293,7 +293,7 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, mar
             proposal = f"{phase}: raise agent_types.{agent_type}.thrust_max_N to {thrust_max:.3g} or more"
             if required.sum() < (1 - margin) * available.sum():
                 proposal += (
-                    f", or move the contacts of {name} away from the payload's centre of mass, so that the others "
+                    f", or move the contacts of {name} away from the payload's center of mass, so that the others "
                     "carry more"
                 )
             else:  # the total thrust is too small
@@ -338,13 +338,13 @@ def thrust_profile(experiment: flight.Experiment, state: State, t: np.ndarray) -
 @functools.partial(jax.vmap, in_axes=(None, None, None, None, 0))
 def _along(
     team: Team,
-    flying: controller.LeaderFollowerController,
+    onboard_controller: controller.LeaderFollowerController,
     sources: disturbances.DisturbanceSet,
     state: State,
     t: Array,
 ) -> Float[Array, "agents"]:
     """Compute the thrust of every agent at one time on the reference."""
-    d, g, payload = flying.reference.evaluate(t), team.gravity, team.payload
+    d, g, payload = onboard_controller.reference.evaluate(t), team.gravity, team.payload
     omega_hat = so3.hat(d.omega)
     rotation_acceleration = matmul(d.R, so3.hat(d.omega_dot) + matmul(omega_hat, omega_hat))
     agents, accelerations = [], []
@@ -358,7 +358,9 @@ def _along(
     angular_rate = payload.inertia @ d.omega_dot + so3.cross(d.omega, payload.inertia @ d.omega)
     W = Wrench(F=payload.mass * (d.a - g) - f.payload.F, tau=angular_rate - f.payload.tau)
     steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    lam = flying.allocator.allocate(controller.context_at(flying, moved, jnp.zeros(6), t), W, steady).lam
+    lam = onboard_controller.allocator.allocate(
+        controller.context_at(onboard_controller, moved, jnp.zeros(6), t), W, steady
+    ).lam
     parts = zip(team.agent_groups, grasp.split_contacts(team, lam), accelerations, f.agents, strict=True)
     required = [
         force.sum(1) + group.mass.sum(1, keepdims=True) * (a - g[None]) - f_j.f_x for group, force, a, f_j in parts

@@ -185,7 +185,7 @@ def stabilizing_changes(
     return ("none of the tried gains, joint positions and contact heights helps: start from `colift init`",)
 
 
-def posture_changes(settings: Scenario, present: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
+def posture_changes(settings: Scenario, current: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
     """Find changes with which the redundant joints converge faster.
 
     Changes that yield at least half of the required rate come first. Otherwise those are returned that yield a higher
@@ -194,7 +194,7 @@ def posture_changes(settings: Scenario, present: float, joint: str, progress: Ca
 
     Args:
         settings: Scenario.
-        present: Present decay rate [1/s].
+        current: Present decay rate [1/s].
         joint: Name `agent/joint` of the slowest joint.
         progress: Function called with a description of the progress.
 
@@ -203,13 +203,13 @@ def posture_changes(settings: Scenario, present: float, joint: str, progress: Ca
     """
     sufficient, faster = [], []
     gains, positions = gain_changes(settings, GAINS[-2:]), nominal_position_changes(settings, joint.rpartition("/")[2])
-    for option, changed in [*posture_bandwidth_changes(settings, present), *gains, *positions]:
+    for option, changed in [*posture_bandwidth_changes(settings, current), *gains, *positions]:
         progress(f"linearization with {option}")
         required = changed.control.posture_bandwidth
         with contextlib.suppress(ValueError):  # the team cannot be built, or has no equilibrium
             modes = modes_at_equilibrium(changed)
             rate = mode[0] if (mode := slowest_joint_mode(modes)) else required
-            if modes.stable and rate > 1.02 * present:
+            if modes.stable and rate > 1.02 * current:
                 (sufficient if rate >= required / 2 else faster).append((rate, option))
     best = sorted(sufficient or faster, reverse=True)[:MAX_CANDIDATES]
     advice = tuple(f"{option} yields {rate:.3g} 1/s" for rate, option in best)
@@ -218,12 +218,12 @@ def posture_changes(settings: Scenario, present: float, joint: str, progress: Ca
     )
 
 
-def delay_margin_changes(settings: Scenario, present: float, progress: Callable[[str], None]) -> tuple[str, ...]:
+def delay_margin_changes(settings: Scenario, current: float, progress: Callable[[str], None]) -> tuple[str, ...]:
     """Find the gains whose reduction increases the delay margin.
 
     Args:
         settings: Scenario.
-        present: Present delay margin [s].
+        current: Present delay margin [s].
         progress: Function called with a description of the progress.
 
     Returns:
@@ -238,7 +238,7 @@ def delay_margin_changes(settings: Scenario, present: float, progress: Callable[
                 flight_experiment, initial_states.equilibrium_state(changed, flight_experiment.world.team)
             )
             evaluated.append((delay_margin(changed, x, M), option))
-    better = sorted((candidate for candidate in evaluated if candidate[0] > present), reverse=True)[:MAX_CANDIDATES]
+    better = sorted((candidate for candidate in evaluated if candidate[0] > current), reverse=True)[:MAX_CANDIDATES]
     advice = tuple(f"{option} yields {margin:.3g} s" for margin, option in better)
     return advice or (f"a reduction of single gains does not help: raise control_Hz above {settings.control_Hz:g}",)
 
@@ -313,7 +313,7 @@ def nominal_position_changes(settings: Scenario, name: str | None = None) -> Ite
 def contact_height_changes(settings: Scenario) -> Iterator[Change]:
     """Yield scenarios with all contacts moved up and down by 5 cm.
 
-    The height determines whether the agents rotate about points above or below their centres of mass.
+    The height determines whether the agents rotate about points above or below their centers of mass.
 
     Args:
         settings: Scenario.

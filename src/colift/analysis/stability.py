@@ -35,14 +35,14 @@ from colift.simulation.world import SimulatedWorld, WorldNoise
 MAX_NEWTON_ITERATIONS = 30  # about five are needed from level hover
 SETTLING_TIME = 10.0  # s, simulated before a second attempt of Newton's method
 EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the loop state in one tick, in SI units
-STEP = 1e-5  # of finite differences, in SI units; terms of fourth order are neglected
+DIFFERENCE_STEP = 1e-5  # of finite differences, in SI units; terms of fourth order are neglected
 DEADBEAT_THRESHOLD = 0.01  # modes with a smaller |z| decay within one tick and are omitted
 MARGINAL_THRESHOLD = 1e-6  # rad/s, rounding error of a rate: that of |z| divided by the control period
 
 
 # Paths of loop states in `simulator.LoopState`, as regular expressions
 POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
-LEARNING = (
+LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
     r"|\.estimator\.time_since_label$|\.(initialized|correction_weight)$"
 )
@@ -314,7 +314,7 @@ def _newton_equilibrium(
             break
         if jacobian is None or np.abs(residual).max() > previous / 10:
             moved = _evaluate_around(setup, loop, noise, (1,))[0]
-            jacobian = (moved - residual).T / STEP  # first order in the step suffices for the search
+            jacobian = (moved - residual).T / DIFFERENCE_STEP  # first order in the step suffices for the search
         if not np.isfinite(jacobian).all():
             break
         previous = np.abs(residual).max()
@@ -376,9 +376,9 @@ def predict_growth_rate(experiment: flight.Experiment, state: State, x: LoopStat
     v, w = right[:, k], left[:, k].conj()
     w = w / (w @ v)
     parts = np.stack([v.real, v.imag])
-    moved = _displace(x, jnp.asarray(STEP * np.concatenate([parts, -parts])))
+    moved = _displace(x, jnp.asarray(DIFFERENCE_STEP * np.concatenate([parts, -parts])))
     changed = _after_one_tick(setup, loop, noise, [_batch_element(moved, jnp.asarray(i)) for i in range(4)])
-    derivative = (changed[:2] - changed[2:]) / (2 * STEP)
+    derivative = (changed[:2] - changed[2:]) / (2 * DIFFERENCE_STEP)
     return float(np.log(np.abs(w @ (derivative[0] + 1j * derivative[1]))) / experiment.dt)
 
 
@@ -402,16 +402,16 @@ def _finite_difference_jacobian(
 ) -> np.ndarray:
     """Compute the Jacobian of one tick by `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, with f_k at k steps h."""
     forward, backward, forward_2, backward_2 = _evaluate_around(setup, loop, noise, (1, -1, 2, -2))
-    return ((8 * (forward - backward) - (forward_2 - backward_2)) / (12 * STEP)).T
+    return ((8 * (forward - backward) - (forward_2 - backward_2)) / (12 * DIFFERENCE_STEP)).T
 
 
 def _evaluate_around(
     setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, steps: Sequence[int]
 ) -> np.ndarray:
-    """Evaluate one tick at multiples of `STEP` along each coordinate, `(steps, coordinates, coordinates)`."""
+    """Evaluate one step at multiples of `DIFFERENCE_STEP` per coordinate, `(steps, coordinates, coordinates)`."""
     x = _select_states(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
-    moves = STEP * np.stack([k * np.eye(n) for k in steps])
+    moves = DIFFERENCE_STEP * np.stack([k * np.eye(n) for k in steps])
     moved = _displace(x, jnp.asarray(moves.reshape(-1, n)))
     points = [_batch_element(moved, jnp.asarray(k)) for k in range(len(steps) * n)]
     return _after_one_tick(setup, loop, noise, points).reshape(len(steps), n, n)
@@ -518,7 +518,7 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
         The floating-point leaves by path.
     """
     has_innovation_filter = getattr(loop.controller, "innovation", None) is not None
-    excluded = "|".join((LEARNING, SENSORS, SECOND_ORDER_STATES if has_innovation_filter else LABELS))
+    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES if has_innovation_filter else LABELS))
     return {
         key: leaf
         for key, leaf in _leaves(loop)

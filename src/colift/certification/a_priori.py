@@ -116,7 +116,7 @@ def analyze_a_priori(
     )
     _check_noise_linearity(experiment, flight, loop, grid, noise)
     bodies = body_models(experiment, flight, loop.records, loop.nodes, "energy")
-    found, why = _solve_tube(loop, bodies, progress)
+    found, reason = _solve_tube(loop, bodies, progress)
     reached, unavailable = reachable_deviations(
         experiment, flight, bodies, loop.records, loop, L, names, "tube", progress
     )
@@ -125,7 +125,7 @@ def analyze_a_priori(
         reachable_deviation=reached,
         unavailable_bounds=unavailable,
         tube=found,
-        tube_failure=why,
+        tube_failure=reason,
         path_deviation=found.deviation(L) if found else np.full(noise.shape, np.inf),
         may_saturate=_may_saturate(experiment, loop, bodies, found),
     )

@@ -192,8 +192,11 @@ def certify(
         run, unavailable = a_priori.reachable_deviations(
             experiment, flight, bodies, flight.records, loop, L, names, "run", progress
         )
-    nominal, flown = nominal_run.error_components(loop.records), nominal_run.error_components(flight.records)
-    center, errors = (each[loop.nodes][grid.nodes] for each in (nominal, flown))
+    nominal, observed_components = (
+        nominal_run.error_components(loop.records),
+        nominal_run.error_components(flight.records),
+    )
+    center, errors = (each[loop.nodes][grid.nodes] for each in (nominal, observed_components))
     intervals = _error_intervals(center, before, run)
     best = intervals.get("recovery", intervals["energy"])
     corner = _corner(best["a_posteriori"])[:, :3]
@@ -203,9 +206,9 @@ def certify(
     t = np.asarray(flight.records.t, dtype=float)
     return Certificate(
         window=(float(t[grid.window][0]), float(t[grid.window][-1])),
-        observed=_norms(flown[grid.window]),
+        observed=_norms(observed_components[grid.window]),
         nominal_error=_norms(nominal[grid.window]),
-        disturbance_response=_norms((flown - nominal)[grid.window]),
+        disturbance_response=_norms((observed_components - nominal)[grid.window]),
         linearization_error={}
         if assumptions.has_sensor_noise(experiment.world.sensors)
         else _norms(errors - center - _first_order_response(bodies, flight, loop, L)),

@@ -37,7 +37,11 @@ def nominal_mismatch(experiment: Experiment, flight: FlightResult, loop: Lineari
 
 
 def conservatism_breakdown(
-    experiment: Experiment, flight: FlightResult, loop: LinearizedTrajectory, layer: AgentIss, found: Certificate
+    experiment: Experiment,
+    flight: FlightResult,
+    loop: LinearizedTrajectory,
+    agent_layer: AgentIss,
+    certificate: Certificate,
 ) -> dict[str, float]:
     """Compute bounds of e_p under successively better reasoning.
 
@@ -47,8 +51,8 @@ def conservatism_breakdown(
         experiment: Experiment of the run.
         flight: Simulated run.
         loop: Closed loop linearized along the nominal trajectory.
-        layer: Constants of Assumption 5.
-        found: Certificate of the run.
+        agent_layer: Constants of Assumption 5.
+        certificate: Certificate of the run.
 
     Returns:
         Bounds of e_p by method, then the observed and the nominal error [m].
@@ -56,13 +60,16 @@ def conservatism_breakdown(
     grid = nominal_run.evaluation_grid(experiment, flight, loop)
     L = linearized_trajectory.adjoint_weights(loop, loop.output_rows("e_p"), grid.nodes)
     payload_controller: Any = experiment.controller.payload_controller  # certificates require gains
-    gains, nominal = payload_controller.gains, found.nominal_error["e_p"] + 3**0.5 * found.noise_response["e_p"]
+    gains, nominal = (
+        payload_controller.gains,
+        certificate.nominal_error["e_p"] + 3**0.5 * certificate.noise_response["e_p"],
+    )
     unit = translation_bound.ultimate_bound(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
 
     def added(rho: Matrix) -> float:
         """Return the bound by `(rho_L + sum kappa rho) / m_L` and the translation gain, as in the paper."""
         sizes = [float(np.linalg.norm(rho[columns])) for columns in loop.bodies]
-        force = np.linalg.norm(rho[:3]) + layer.kappa[0] @ sizes
+        force = np.linalg.norm(rho[:3]) + agent_layer.kappa[0] @ sizes
         return float(unit * force / float(experiment.controller.team.payload.mass) + nominal)
 
     rho = _max_errors(experiment, flight, loop, "energy")
@@ -73,10 +80,10 @@ def conservatism_breakdown(
         "linearized loop, energy bound": together + nominal,
     }
     for name in ("energy", "recovery"):
-        if name in found.ultimate_bounds:
-            out[f"{name}, a priori"] = found.ultimate_bounds[name].a_priori["e_p"]
-            out[f"{name}, a posteriori"] = found.ultimate_bounds[name].a_posteriori["e_p"]
-    return out | {"observed": found.observed["e_p"], "nominal error": found.nominal_error["e_p"]}
+        if name in certificate.ultimate_bounds:
+            out[f"{name}, a priori"] = certificate.ultimate_bounds[name].a_priori["e_p"]
+            out[f"{name}, a posteriori"] = certificate.ultimate_bounds[name].a_posteriori["e_p"]
+    return out | {"observed": certificate.observed["e_p"], "nominal error": certificate.nominal_error["e_p"]}
 
 
 def _max_errors(experiment: Experiment, flight: FlightResult, loop: LinearizedTrajectory, bound: str) -> Matrix:

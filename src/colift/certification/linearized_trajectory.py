@@ -157,7 +157,7 @@ def simulate_nominal(
 
 
 def linearize_along(
-    experiment: flight.Experiment, schedule: Sequence[ModelInterval], noisy: bool
+    experiment: flight.Experiment, schedule: Sequence[ModelInterval], with_noise: bool
 ) -> LinearizedTrajectory:
     """Linearize the closed loop along the run of an experiment, with residual models as scheduled.
 
@@ -166,7 +166,7 @@ def linearize_along(
     Args:
         experiment: Experiment in the nominal world.
         schedule: Residual models and their start ticks.
-        noisy: True to compute noise covariances; else they are zero.
+        with_noise: True to compute noise covariances; else they are zero.
 
     Returns:
         The linearized closed loop.
@@ -174,7 +174,7 @@ def linearize_along(
     ticks, stride = round(experiment.duration / experiment.dt), max(1, round(MAX_NODE_SPACING / experiment.dt))
     nodes = np.array(sorted({*range(0, ticks, stride), ticks - 1, *(one.start_tick for one in schedule)}))
     records, loops = simulate_nominal(experiment, schedule, nodes)
-    derivative = _StepDerivative(experiment, loops[0], noisy)
+    derivative = _StepDerivative(experiment, loops[0], with_noise)
     setups = [
         dataclasses.replace(
             experiment.loop_config, controller=dataclasses.replace(experiment.controller, residual_model=o.model)

@@ -150,7 +150,7 @@ def nominal_trajectory(experiment: Experiment, flight: FlightResult) -> Lineariz
         return linearized_trajectory.linearize_along(
             nominal_experiment(experiment, flight.model),
             flight.model_intervals,
-            noisy=assumptions.has_sensor_noise(experiment.world.sensors),
+            with_noise=assumptions.has_sensor_noise(experiment.world.sensors),
         )
     except linearized_trajectory.TerminatedEarly as error:
         raise ValueError(f"no certificate: {error}") from None

@@ -180,14 +180,14 @@ def feedback_matrix(S: Matrix, g: Matrix, L: Matrix) -> Matrix:
     return each.reshape(len(L), *L.shape[2:])
 
 
-def solve_tube(M: Matrix, direct: Matrix) -> tuple[Matrix, float]:
+def solve_tube(M: Matrix, direct_term: Matrix) -> tuple[Matrix, float]:
     """Solve `d(t) = direct(t) + sum_(s <= t) M(t, s) d(s)` on time cells.
 
     The deviation of a cell is the larger one of its ends.
 
     Args:
         M: `(times, inputs, times, inputs)`; cell s ends at time s.
-        direct: Direct terms, `(times, inputs)`.
+        direct_term: Direct terms, `(times, inputs)`.
 
     Returns:
         The deviation of each cell, and the contraction, the spectral radius of `sup_t sum_s M`.
@@ -196,14 +196,14 @@ def solve_tube(M: Matrix, direct: Matrix) -> tuple[Matrix, float]:
         ValueError: If the deviation exceeds all limits, so that no tube exists.
     """
     contraction = float(np.abs(np.linalg.eigvals(M.sum(2).max(0))).max())
-    d = np.zeros_like(direct)  # of each cell
-    at = np.zeros(direct.shape[1])  # at the start of the cell
-    for t in range(len(direct)):
-        known = direct[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])
+    d = np.zeros_like(direct_term)  # of each cell
+    at = np.zeros(direct_term.shape[1])  # at the start of the cell
+    for t in range(len(direct_term)):
+        known = direct_term[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])
         end = known
         for _ in range(MAX_CELL_ITERATIONS):
             previous, end = end, known + M[t, :, t] @ np.maximum(at, end)
-            if np.allclose(previous, end, rtol=1e-9, atol=0) and (end <= MAX_DEVIATION_RATIO * direct.max()).all():
+            if np.allclose(previous, end, rtol=1e-9, atol=0) and (end <= MAX_DEVIATION_RATIO * direct_term.max()).all():
                 break
         else:
             raise ValueError(

@@ -183,7 +183,7 @@ def print_certificate(summary: Mapping[str, Any], folder: Path) -> None:
     """
     for line in _violations(summary["violations"]):
         common.print_error(line)
-    tables.print_table(tables.certificate_table(summary), lead=2)
+    tables.print_table(tables.certificate_table(summary), num_repeated=2)
     for line in certificate_notes(summary):
         print(line)
     if summary["adversarial_test"]:

@@ -43,27 +43,27 @@ def run_diagnostics() -> dict[str, Any]:
     }
 
 
-def format_report(found: dict[str, Any]) -> list[str]:
+def format_report(diagnostics: dict[str, Any]) -> list[str]:
     """Format the findings for a terminal.
 
     Args:
-        found: Findings of `run_diagnostics`.
+        diagnostics: Findings of `run_diagnostics`.
 
     Returns:
         One line for each finding and each problem.
     """
-    versions = ", ".join(f"{name} {number or 'none'}" for name, number in found["packages"].items())
+    versions = ", ".join(f"{name} {number or 'none'}" for name, number in diagnostics["packages"].items())
     lines = [
-        _line("python", f"{found['python']}, {found['system']}"),
+        _line("python", f"{diagnostics['python']}, {diagnostics['system']}"),
         _line("packages", versions),
-        _line("compiler", found["compiler"] or "none"),
+        _line("compiler", diagnostics["compiler"] or "none"),
     ]
-    for name, stored in found["caches"].items():
+    for name, stored in diagnostics["caches"].items():
         text = f"{stored['folder']}: {stored['files']} files, {stored['MB']} MB" if stored else "none"
         lines.append(_line(f"{name} cache", text))
-    lines.append(_line("gpu", ", ".join(found["gpu"]) if found["gpu"] else "none; none is used"))
-    lines.append(_line("self-test", found["self_test"]))
-    return [*lines, *(f"problem: {problem}" for problem in found["problems"])]
+    lines.append(_line("gpu", ", ".join(diagnostics["gpu"]) if diagnostics["gpu"] else "none; none is used"))
+    lines.append(_line("self-test", diagnostics["self_test"]))
+    return [*lines, *(f"problem: {problem}" for problem in diagnostics["problems"])]
 
 
 def _line(label: str, text: str) -> str:

@@ -76,7 +76,7 @@ def init(
         if file.suffix not in scenario.SUFFIXES:
             common.fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
         if urdf is not None and arms is not None:
-            common.fail(f"--arms {arms}: must be left out with --urdf, whose file defines the arms")
+            common.fail(f"--arms {arms}: must be omitted with --urdf, whose file defines the arms")
         name = template.scenario_name(file)
         if urdf is None:
             text = template.scenario_template(name, agents, 2 if arms is None else arms)
@@ -237,16 +237,16 @@ def tune(
             written = scenario.shipped_text(name)
         elif not overrides:
             written = bounded_read.read_text(Path(name).expanduser())
-        before, after, spent, values = _search_gains(settings, written, out, quiet)
+        before, after, budget, values = _search_gains(settings, written, out, quiet)
         _write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
     except (scenario.ScenarioError, ValueError, OSError) as error:
         common.fail(error)
     with common.guard_output():
         if as_json:
-            found = {"before": values[0], "after": values[1], **spent._asdict()}
+            found = {"before": values[0], "after": values[1], **budget._asdict()}
             print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
         else:
-            report = gain_tuning.format_report(before, after, *values, spent)
+            report = gain_tuning.format_report(before, after, *values, budget)
             print("\n".join([*report, f"{settings.name} with these gains is in {out}"]))
 
 
@@ -287,7 +287,7 @@ def _search_gains(
     best: list[LoopDesign] = []
     try:
         with common.show_progress(f"tuning {settings.name}", quiet) as progress:
-            before, after, spent = gain_tuning.tune(settings, progress, best.append)
+            before, after, budget = gain_tuning.tune(settings, progress, best.append)
             best.append(after)
             progress("flights with both")
             values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
@@ -297,4 +297,4 @@ def _search_gains(
         note = f"the best gains so far are in {out}" if best else f"nothing was written to {out}"
         common.print_warning(f"interrupted; {note}")
         raise
-    return before, after, spent, values
+    return before, after, budget, values

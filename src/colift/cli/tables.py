@@ -199,21 +199,21 @@ def _format_size(value: float | None, scale: float) -> str:
     return format_cell(value, scale, ".0f" if whole else ".3g")
 
 
-def print_table(table: Table, lead: int = 1) -> None:
+def print_table(table: Table, num_repeated: int = 1) -> None:
     """Print a table; one that is wider than the terminal in parts below each other.
 
     Args:
         table: Table to print.
-        lead: Number of first columns that every part repeats.
+        num_repeated: Number of first columns that every part repeats.
     """
     width = Console().width
     parts: list[list[Column]] = []
-    for column in table.columns[lead:]:
-        if not parts or _width(_select(table, [*table.columns[:lead], *parts[-1], column])) > width:
+    for column in table.columns[num_repeated:]:
+        if not parts or _width(_select(table, [*table.columns[:num_repeated], *parts[-1], column])) > width:
             parts.append([])
         parts[-1].append(column)
     for k, columns in enumerate(parts):
-        part = _select(table, [*table.columns[:lead], *columns])
+        part = _select(table, [*table.columns[:num_repeated], *columns])
         part.title = None if k else table.title
         console = Console(width=max(width, _width(part)), emoji=False, markup=False)
         with console.capture() as captured:  # rich would end the process if the pipe is closed
@@ -226,13 +226,13 @@ def _select(table: Table, columns: Sequence[Column]) -> Table:
     part = Table(box=table.box, padding=table.padding, pad_edge=table.pad_edge)
     encoding = Console().encoding
     for column in columns:
-        part.add_column(_spell_out(str(column.header), encoding), justify=column.justify, no_wrap=True)
+        part.add_column(_replace_unencodable(str(column.header), encoding), justify=column.justify, no_wrap=True)
     for cells in zip(*(column.cells for column in columns), strict=True):
         part.add_row(*cells)
     return part
 
 
-def _spell_out(text: str, encoding: str) -> str:
+def _replace_unencodable(text: str, encoding: str) -> str:
     """Spell out Greek letters that an encoding does not contain."""
     try:
         text.encode(encoding)

@@ -318,14 +318,16 @@ def _termination_reason(experiment: Experiment, rows: StepRecord, loop: LoopStat
                 return f"signal {name} is not finite at t = {t:.3f} s"
         return f"the state is not finite after t = {t:.3f} s"
     if cause == termination.TerminationCause.SINGULAR_GRASP:
-        weakest = int(np.argmin(rows.min_delassus_singular_value[-1] / np.asarray(limits.min_delassus)))
+        most_singular = int(np.argmin(rows.min_delassus_singular_value[-1] / np.asarray(limits.min_delassus)))
         value, arms = (
-            rows.min_delassus_singular_value[-1, weakest],
-            grasp.describe_redundant_arms(delassus_matrix(experiment.world.team, np.asarray(rows.r)[-1], weakest)),
+            rows.min_delassus_singular_value[-1, most_singular],
+            grasp.describe_redundant_arms(
+                delassus_matrix(experiment.world.team, np.asarray(rows.r)[-1], most_singular)
+            ),
         )
         return (
-            f"the grasp of agent {experiment.agent_names[weakest]} is near singular at t = {t:.3f} s: "
-            f"{value:.3g} < {float(limits.min_delassus[weakest]):.3g} 1/kg (limit min_delassus); {arms}"
+            f"the grasp of agent {experiment.agent_names[most_singular]} is near singular at t = {t:.3f} s: "
+            f"{value:.3g} < {float(limits.min_delassus[most_singular]):.3g} 1/kg (limit min_delassus); {arms}"
         )
     saturated = jnp.concatenate(loop.saturated_ticks).astype(float) * experiment.dt
     values = monitored_values(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), saturated)

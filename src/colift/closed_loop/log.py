@@ -174,7 +174,7 @@ def uncertainty_norms(sigma: PredictionUncertainty) -> dict[str, np.ndarray]:
     """Compute norms over the outputs, with their force and moment parts.
 
     The norms are `sigma_L = |Sigma_L^(1/2)|`, `sigma_A = sum_j |Sigma_j^(1/2)|`, `rho_bar_L` and `rho_bar_j`, where
-    `rho_bar = |(rho_1, ..., rho_m)|` of a body (ass:oracle_bound). The total norms add newtons and newton metres, as in
+    `rho_bar = |(rho_1, ..., rho_m)|` of a body (ass:oracle_bound). The total norms add newtons and newton meters, as in
     the paper; their unit is N, with moments divided by 1 m.
 
     Args:

@@ -106,9 +106,9 @@ def _reshape(e: Equation, axis: int) -> RuleResult:
 
 
 def _squeeze(e: Equation, axis: int) -> RuleResult:
-    gone = [d % e.invars[0].aval.ndim for d in e.params["dimensions"]]
-    own = [k for k in range(e.invars[0].aval.ndim) if k not in gone][axis]
-    return {**e.params, "dimensions": _drop_axis(gone, own)}, [own]
+    reduced_axes = [d % e.invars[0].aval.ndim for d in e.params["dimensions"]]
+    own = [k for k in range(e.invars[0].aval.ndim) if k not in reduced_axes][axis]
+    return {**e.params, "dimensions": _drop_axis(reduced_axes, own)}, [own]
 
 
 def _transpose(e: Equation, axis: int) -> RuleResult:
@@ -148,9 +148,9 @@ def _stack(e: Equation, axis: int) -> RuleResult:
 
 
 def _unstack(e: Equation, axis: int) -> RuleResult:
-    gone = e.params["axis"]
-    own = axis + (axis >= gone)
-    return {**e.params, "axis": gone - (gone > own)}, [own]
+    reduced_axes = e.params["axis"]
+    own = axis + (axis >= reduced_axes)
+    return {**e.params, "axis": reduced_axes - (reduced_axes > own)}, [own]
 
 
 def _pad(e: Equation, axis: int) -> RuleResult:

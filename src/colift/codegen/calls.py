@@ -24,7 +24,7 @@ def emit(body: FunctionEmitter, block: int) -> None:
         body: Function that contains the block; the statements of the block's inputs are present.
         block: Index of the block.
     """
-    b, call = body.g.blocks[block], body.live.calls[block]
+    b, call = body.g.blocks[block], body.liveness.calls[block]
     if block in body.final_writes:
         return
     carried = len(b.outputs) if isinstance(b, While) else b.carry if isinstance(b, Scan) else 0
@@ -57,8 +57,8 @@ def emit_final_writes(body: FunctionEmitter) -> None:
     """
     ready = []
     for block, to in body.final_writes.items():
-        b, call = body.g.blocks[block], body.live.calls[block]
-        at, new = (body.pack(x, mask, fresh=True) for x, mask in zip(b.inputs[1:], call.used[1:], strict=True))
+        b, call = body.g.blocks[block], body.liveness.calls[block]
+        at, new = (body.pack(x, mask, is_exclusive=True) for x, mask in zip(b.inputs[1:], call.used[1:], strict=True))
         ready.append((b, to, at, new))
     for b, to, at, new in ready:
         assert isinstance(b, Write)
@@ -275,7 +275,7 @@ class _Carry:
                 kept.add(k)
                 place = body.pack(nodes, mask)
             else:
-                place = body.pack(nodes, mask, fresh=True)
+                place = body.pack(nodes, mask, is_exclusive=True)
                 if writes_in_place(function, step, k, argument):
                     written.append((k, argument))
                 else:
@@ -383,8 +383,8 @@ def _branch(body: FunctionEmitter, b: Branch, call: BlockLiveness, outputs: dict
         args += [str(made[i]) for i in sorted(made)]
         called = f"{function}({', '.join(args)});"
         if w == 1:
-            ask = "" if k == last else f"if (which <= {k}.0) "
-            lines.append(f"{'else ' if k else ''}{ask}{{ {called} }}")
+            condition = "" if k == last else f"if (which <= {k}.0) "
+            lines.append(f"{'else ' if k else ''}{condition}{{ {called} }}")
             continue
         mine = "left" if k == last else f"left & le_{w}(which, splat_{w}({k}.0))"
         blend = [
@@ -456,8 +456,8 @@ def _read(body: FunctionEmitter, b: Read, call: BlockLiveness, to: ArrayRef) -> 
 def _store(body: FunctionEmitter, b: Write, to: ArrayRef, at: ArrayRef, new: ArrayRef, *, guard: bool) -> None:
     window, w, n = b.window, body.lanes, b.window.offset.size
     where, element = _window_lines(window, w, at)
-    there, come = _lane_expression(f"({to})[at + {element}]", w), _lane_expression(f"({new})[q * {n} + e]", w)
-    value = _combine(b.reduction, 1, there, come) if b.reduction else come
+    there, new_value = _lane_expression(f"({to})[at + {element}]", w), _lane_expression(f"({new})[q * {n} + e]", w)
+    value = _combine(b.reduction, 1, there, new_value) if b.reduction else new_value
     value = f"{b.check}_1({value})" if b.check else value
     skip = [f"if (!{_lane_expression('(*go)', w)}) continue;"] if guard else []
     copy = f"if (in) for (long e = 0; e < {n}; e++) {there} = {value};"

@@ -68,7 +68,7 @@ class FunctionEmitter:
 
     def __init__(self, unit: TranslationUnit, function: Function, live: Liveness, layout: FunctionLayout) -> None:
         """Prepare the emission of a function."""
-        self.unit, self.function, self.g, self.live, self.layout = unit, function, function.graph, live, layout
+        self.unit, self.function, self.g, self.liveness, self.layout = unit, function, function.graph, live, layout
         self.lanes = layout.lanes
         self.names: dict[int, str] = {}
         self.lines: list[outlining.Line] = []
@@ -81,7 +81,7 @@ class FunctionEmitter:
 
     def text(self) -> str:
         """Return the C text; the name of the function is the placeholder `@name`."""
-        outputs, live, layout = self.function.outputs, self.live, self.layout
+        outputs, live, layout = self.function.outputs, self.liveness, self.layout
         own = [
             k for k in range(len(outputs)) if live.required[k].any() and k not in {*layout.kept, *dict(layout.written)}
         ]
@@ -192,7 +192,7 @@ class FunctionEmitter:
 
     def _arguments(self, block: int) -> list[int]:
         """Return the inputs of a block that are not emitted."""
-        b, call = self.g.blocks[block], self.live.calls[block]
+        b, call = self.g.blocks[block], self.liveness.calls[block]
         return [n for arg, mask in zip(b.inputs, call.used, strict=True) for n in self._missing(arg[mask])]
 
     def _emit(self, node: int) -> None:
@@ -235,10 +235,10 @@ class FunctionEmitter:
         self.names[self.g.make("sin", argument)] = s
         self.names[self.g.make("cos", argument)] = c
 
-    def new_name(self, letter: str) -> str:
+    def new_name(self, prefix: str) -> str:
         """Return an unused C name that begins with a letter."""
         self.counter += 1
-        return f"{letter}{self.counter}"
+        return f"{prefix}{self.counter}"
 
     def add_line(self, text: str, defines: dict[str, bool] | None = None) -> None:
         """Add a statement; `defines` lists the names that it defines, and whether each is a mask."""
@@ -251,26 +251,26 @@ class FunctionEmitter:
         self.frame_size += size
         return ArrayRef("m", self.frame_size - size)
 
-    def pack(self, nodes: Nodes, mask: np.ndarray, *, fresh: bool = False) -> ArrayRef:
+    def pack(self, nodes: Nodes, mask: np.ndarray, *, is_exclusive: bool = False) -> ArrayRef:
         """Return a location where nodes are contiguous; copy them to the frame if necessary.
 
         Args:
             nodes: Nodes of the array.
             mask: Elements that are required; the others may hold any value.
-            fresh: Whether the location must not be shared with other arrays.
+            is_exclusive: Whether the location must not be shared with other arrays.
 
         Returns:
             The location.
         """
         at = np.flatnonzero(mask)
         self.require(nodes[at])
-        if not fresh and (found := self._existing_array(nodes, at)) is not None:
+        if not is_exclusive and (found := self._existing_array(nodes, at)) is not None:
             return found
         key = (nodes.tobytes(), mask.tobytes())
-        if fresh or key not in self.packs:
+        if is_exclusive or key not in self.packs:
             place = self.array(len(nodes))
             self.store_nodes(place, nodes, at)
-            if fresh:
+            if is_exclusive:
                 return place
             self.packs[key] = place
         return self.packs[key]

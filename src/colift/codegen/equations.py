@@ -150,7 +150,7 @@ def batch_axes(args: Sequence[Any], jaxpr: Any) -> int:
     return next((np.ndim(a) - v.ndim for a, v in zip(args, Program.of(jaxpr).inputs, strict=True)), 0)
 
 
-MOVING = {  # primitives that emit no C statements
+LAYOUT_PRIMITIVES = {  # primitives that emit no C statements
     "reshape", "squeeze", "transpose", "rev", "broadcast_in_dim", "iota", "slice", "split", "concatenate", "stack",
     "unstack", "tile", "pad", "convert_element_type", "gather", "dynamic_slice", "dynamic_update_slice", "scatter",
     "copy", "stop_gradient",
@@ -178,6 +178,6 @@ def statement_count(equations: Sequence[Any]) -> int:
             total += math.prod(e.outvars[0].aval.shape) * math.prod(shape[k] for k in contracted)
         elif name.startswith("reduce"):
             total += math.prod(e.invars[0].aval.shape)
-        elif name not in MOVING:
+        elif name not in LAYOUT_PRIMITIVES:
             total += sum(math.prod(v.aval.shape) for v in e.outvars)
     return total

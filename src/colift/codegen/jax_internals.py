@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -230,7 +230,7 @@ class TracedEquation(NamedTuple):
 
 
 @contextlib.contextmanager
-def readable(name: str, source_info: Any = None) -> Iterator[None]:
+def readable(name: str, source_info: Any = None) -> Generator[None]:
     """Make a context that raises `UnsupportedPrimitive` for errors in reading an equation.
 
     Args:

@@ -72,9 +72,9 @@ def copy_runs(
         Kind, first element, count and step. The kind is "row" (elements of one array at a constant step), "same" (one
         node), "known" (constants) or "one" (a single element).
     """
-    beside = np.diff(at) == 1
+    is_adjacent = np.diff(at) == 1
     steps = np.diff(nodes)
-    one = beside & (ranges[1:] == ranges[:-1])
+    one = is_adjacent & (ranges[1:] == ranges[:-1])
     k, last = 0, len(at)
     while k < last:
         n, step, kind = 1, 1, "one"
@@ -82,13 +82,13 @@ def copy_runs(
             kind, step = "row", int(steps[k])
             while k + n < last and one[k + n - 1] and steps[k + n - 1] == step:
                 n += 1
-        elif k + 1 < last and beside[k] and steps[k] == 0:
+        elif k + 1 < last and is_adjacent[k] and steps[k] == 0:
             kind = "same"
-            while k + n < last and beside[k + n - 1] and steps[k + n - 1] == 0:
+            while k + n < last and is_adjacent[k + n - 1] and steps[k + n - 1] == 0:
                 n += 1
         elif constant[k]:
             kind = "known"
-            while k + n < last and beside[k + n - 1] and constant[k + n] and steps[k + n - 1] != 0:
+            while k + n < last and is_adjacent[k + n - 1] and constant[k + n] and steps[k + n - 1] != 0:
                 n += 1
         yield kind, k, n, step
         k += n

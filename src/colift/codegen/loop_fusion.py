@@ -40,7 +40,7 @@ def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
             users[v].append(e)
     found: dict[Equation, AxisForm] = {}
     axes: dict[Value, int] = {}  # loop axis of each value
-    waiting: list[Value] = []
+    pending: list[Value] = []
 
     def add(e: Equation, form: AxisForm) -> None:
         mine = [*zip(e.invars, form.operands, strict=True), *zip(e.outvars, form.results, strict=bool(form.results))]
@@ -51,11 +51,11 @@ def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
         for v, a in mine:
             if v not in axes:
                 axes[v] = a
-                waiting.append(v)
+                pending.append(v)
 
     def spread() -> None:
-        while waiting:
-            v = waiting.pop()
+        while pending:
+            v = pending.pop()
             for e in users[v]:
                 if e not in found and (form := _axis_form(e, v, axes[v])) is not None:
                     add(e, form)
@@ -101,36 +101,36 @@ def fuse_loops(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[
     forms = find_axis_forms(equations)
     if not forms:
         return list(equations)
-    waiting = {v for e in equations for v in e.outvars}
+    pending = {v for e in equations for v in e.outvars}
     left, steps = list(equations), []
     while left:
         rest = []
         for e in left:
-            if e in forms or not waiting.isdisjoint(e.invars):
+            if e in forms or not pending.isdisjoint(e.invars):
                 rest.append(e)
             else:
                 steps.append(e)
-                waiting.difference_update(e.outvars)
+                pending.difference_update(e.outvars)
         left = rest
         if left:
-            group = list(_loop_members(left, forms, waiting))
-            gone = set(group)
-            left = [e for e in left if e not in gone]
+            group = list(_loop_members(left, forms, pending))
+            fused = set(group)
+            left = [e for e in left if e not in fused]
             used = {v for e in left for v in e.invars} | set(outputs)
             steps.append(_loop([(e, forms[e]) for e in group], used))
-            waiting.difference_update(v for e in group for v in e.outvars)
+            pending.difference_update(v for e in group for v in e.outvars)
     return steps
 
 
-def _loop_members(left: Sequence[Equation], forms: dict[Equation, AxisForm], waiting: set[Value]) -> Iterator[Equation]:
+def _loop_members(left: Sequence[Equation], forms: dict[Equation, AxisForm], pending: set[Value]) -> Iterator[Equation]:
     """Iterate over the equations that can run in the same loop as the first equation that is ready."""
-    ready = (e for e in left if e in forms and waiting.isdisjoint(e.invars))
+    ready = (e for e in left if e in forms and pending.isdisjoint(e.invars))
     length = forms[next(ready)].length
     made: dict[Value, int] = {}
     for e in left:
         form = forms.get(e)
         if form is not None and form.length == length:
-            known = (v not in waiting or made.get(v, -1) == a for v, a in zip(e.invars, form.operands, strict=True))
+            known = (v not in pending or made.get(v, -1) == a for v, a in zip(e.invars, form.operands, strict=True))
             if all(known):
                 made.update(zip(e.outvars, form.results, strict=bool(form.results)))
                 yield e

@@ -57,9 +57,9 @@ def _argmax(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     rows = np.moveaxis(g.map("to_number", a), axis, 0)
     best, where = rows[0], np.broadcast_to(g.constants(np.array(0.0)), rows[0].shape)
     for k, row in enumerate(rows[1:], start=1):
-        beats = g.map("lt", best, row) if eqn.name == "argmax" else g.map("lt", row, best)
+        is_better = g.map("lt", best, row) if eqn.name == "argmax" else g.map("lt", row, best)
         first_nan = g.map("logical_and", g.map("ne", row, row), g.map("eq", best, best))
-        better = g.map("logical_or", beats, first_nan)
+        better = g.map("logical_or", is_better, first_nan)
         best = g.map("select", better, row, best)
         where = g.map("select", better, g.constants(np.array(float(k))), where)
     return where

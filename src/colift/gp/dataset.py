@@ -209,8 +209,8 @@ def max_variance_subset(
 def _leave_one_out_novelty(gp: GPPosterior) -> Array:
     """Compute the leave-one-out novelty of each kept point, `(capacity,)`; infinite for empty rows."""
     s, v = gp.hyper.signal_variance, gp.hyper.noise_variance
-    _, left_out = leave_one_out(gp)
-    novelty = jnp.max((left_out - v[:, None]) / s[:, None], axis=0)
+    _, loo_variance = leave_one_out(gp)
+    novelty = jnp.max((loo_variance - v[:, None]) / s[:, None], axis=0)
     return jnp.where(jnp.arange(gp.capacity) < gp.num_points, novelty, jnp.inf)
 
 

@@ -21,7 +21,7 @@ from colift.gp.optimal_recovery import INFEASIBLE_MESSAGE, FeasibleSet
 MAX_ITERATIONS = 30
 MIN_IMPROVEMENT = 0.01  # the iteration stops when fewer than half of the sets improve by this relative amount
 MAX_INDIVIDUAL_WEIGHTS = 160  # more labels share one weight: an iteration costs the cube of their number
-EXPONENT = 0.8  # values below one prevent oscillation of the iteration
+UPDATE_EXPONENT = 0.8  # values below one prevent oscillation of the iteration
 MIN_RELATIVE_WEIGHT, MAX_RELATIVE_WEIGHT = 1e-12, 1e4  # relative to the weight of the energy bound
 MAX_WEIGHT = 1e9  # limits the condition number of the inverted matrix to this times the number of labels
 ROUNDING_MARGIN = 1e-7  # relative; above the rounding error of the terms whose difference is the radius
@@ -114,7 +114,7 @@ def minimize_width(feasible: FeasibleSet, k: np.ndarray, squared_norm: np.ndarra
             break
         R = feasible.r - candidate.a @ feasible.K
         share = candidate.squared_radius / np.where(trace > 0, trace, np.inf)
-        w = w * ((R * R + share[:, None] * (G * G).sum(2)) / eps2) ** EXPONENT
+        w = w * ((R * R + share[:, None] * (G * G).sum(2)) / eps2) ** UPDATE_EXPONENT
         w = np.clip(w, MIN_RELATIVE_WEIGHT * equal, min(MAX_RELATIVE_WEIGHT * equal, MAX_WEIGHT))
     assert best is not None
     return best

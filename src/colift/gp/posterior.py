@@ -205,14 +205,14 @@ def _residual(gp: GPPosterior) -> Float[Array, "outputs capacity"]:
     return jnp.where(_row_mask(gp), (gp.Y - gp.hyper.constant_mean[None, :]).T, 0.0)
 
 
-def check_shape(name: str, value: Array, shape: tuple[int | str, ...], meaning: str) -> None:
+def check_shape(name: str, value: Array, shape: tuple[int | str, ...], description: str) -> None:
     """Check shape and type of an argument while tracing, at no cost in a loop.
 
     Args:
         name: Name of the argument.
         value: Argument.
         shape: Required shape.
-        meaning: Explanation of the shape for the message.
+        description: Explanation of the shape for the message.
 
     Raises:
         ValueError: If the argument has another shape or is not real.
@@ -220,7 +220,9 @@ def check_shape(name: str, value: Array, shape: tuple[int | str, ...], meaning: 
     found = getattr(value, "shape", None)
     if found != shape:
         has = f"is a {type(value).__name__}" if found is None else f"has shape {found}"
-        raise ValueError(f"{name} {has}: must be an array of shape {shape}, {meaning}; use jax.vmap for more than one")
+        raise ValueError(
+            f"{name} {has}: must be an array of shape {shape}, {description}; use jax.vmap for more than one"
+        )
     if not (jnp.issubdtype(value.dtype, jnp.floating) or jnp.issubdtype(value.dtype, jnp.integer)):
         raise ValueError(f"{name} has type {value.dtype}: must be real numbers")
 
@@ -239,9 +241,9 @@ def check_point(X: Array, Y: Array, x: Array, y: Array | None = None) -> None:
     """
     if X.ndim != 2:
         raise ValueError(f"the data have batch axes {X.shape[:-2]}: use jax.vmap over stacked models")
-    check_shape("x", x, X.shape[1:], "a number a dimension")
+    check_shape("x", x, X.shape[1:], "one number per dimension")
     if y is not None:
-        check_shape("y", y, Y.shape[1:], "a number an output")
+        check_shape("y", y, Y.shape[1:], "one number per output")
 
 
 def is_finite_point(x: Array, y: Array) -> Bool[Array, ""]:
@@ -315,7 +317,7 @@ def predict(
     if gp.X.ndim != 2:
         raise ValueError(f"gp has batch axes {gp.X.shape[:-2]}: use jax.vmap over stacked GPs")
     points = x.shape[0] if getattr(x, "ndim", 0) == 2 else "points"
-    check_shape("x", x, (points, gp.X.shape[1]), "a row a point")
+    check_shape("x", x, (points, gp.X.shape[1]), "one row per point")
     parts = NUM_STRIPS if len(x) > MIN_BLOCKS_FOR_STRIPS * BLOCK_SIZE else 1
     edges = sorted({gp.capacity * i // parts for i in range(parts + 1)})
     # the barrier prevents a copy per block

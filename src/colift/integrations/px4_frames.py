@@ -178,24 +178,24 @@ class HomePosition:
     magnetic_field: tuple[float, float, float] = (0.21, 0.01, 0.43)
 
 
-HOME = HomePosition()
+DEFAULT_HOME = HomePosition()
 """Default home position of PX4's simulators."""
 
 
-def geodetic(home: HomePosition, p: Float[Array, "3"]) -> Int[Array, "3"]:
+def geodetic(home_position: HomePosition, p: Float[Array, "3"]) -> Int[Array, "3"]:
     """Compute geodetic coordinates of a point near home, on a spherical Earth.
 
     Args:
-        home: Origin of the world frame.
+        home_position: Origin of the world frame.
         p: Position in ENU [m].
 
     Returns:
         Latitude and longitude [1e-7 deg], and altitude [mm].
     """
     east, north, up = p
-    latitude = home.latitude + np.rad2deg(north / EARTH_RADIUS)
-    longitude = home.longitude + np.rad2deg(east / (EARTH_RADIUS * np.cos(np.deg2rad(home.latitude))))
-    return np.rint([1e7 * latitude, 1e7 * longitude, 1e3 * (home.altitude + up)]).astype(int)
+    latitude = home_position.latitude + np.rad2deg(north / EARTH_RADIUS)
+    longitude = home_position.longitude + np.rad2deg(east / (EARTH_RADIUS * np.cos(np.deg2rad(home_position.latitude))))
+    return np.rint([1e7 * latitude, 1e7 * longitude, 1e3 * (home_position.altitude + up)]).astype(int)
 
 
 def pressure(altitude: float) -> float:

@@ -166,7 +166,7 @@ def run_lockstep(
     links: Sequence[AutopilotConnection],
     send_setpoint: Callable[[int, ThrustTorqueSetpoint], None] = lambda _agent, _setpoint: None,
     airframe: px4_frames.Airframe = px4_frames.QUAD_X,
-    home: px4_frames.HomePosition = px4_frames.HOME,
+    home_position: px4_frames.HomePosition = px4_frames.DEFAULT_HOME,
     timeout: float = 60.0,
 ) -> Iterator[tuple[float, GroundTruth]]:
     """Simulate an experiment in lockstep with one autopilot per vehicle.
@@ -180,7 +180,7 @@ def run_lockstep(
         links: Connections to the autopilots in team order.
         send_setpoint: Function of agent index and setpoint, called before the autopilot receives the time of the tick.
         airframe: Rotors of each vehicle.
-        home: Origin of the world frame on Earth.
+        home_position: Origin of the world frame on Earth.
         timeout: Maximum time until all autopilots are armed [s].
 
     Yields:
@@ -214,7 +214,7 @@ def run_lockstep(
             )
         time = 1 + round(1e6 * (tick + 1) * dt)  # the clock of PX4 must not be 0
         for link, reading in zip(links, readings, strict=True):
-            link.send(list(sensor_messages(reading, time, tick % max(1, round(GPS_PERIOD / dt)) == 0, home)))
+            link.send(list(sensor_messages(reading, time, tick % max(1, round(GPS_PERIOD / dt)) == 0, home_position)))
         return time
 
     readings, state, command, controller_state = _init(setup, experiment.initial_state)
@@ -336,7 +336,9 @@ def _with_rotor_wrenches(command: TeamInputs, wrenches: Sequence[tuple[float, np
     return tuple(groups)
 
 
-def sensor_messages(reading: AgentReading, time: int, gps: bool, home: px4_frames.HomePosition) -> Iterator[Any]:
+def sensor_messages(
+    reading: AgentReading, time: int, gps: bool, home_position: px4_frames.HomePosition
+) -> Iterator[Any]:
     """Generate the MAVLink messages for an autopilot.
 
     PX4 logs `HIL_STATE_QUATERNION` as the true state; here it contains the measured state. Accelerations are specific
@@ -346,7 +348,7 @@ def sensor_messages(reading: AgentReading, time: int, gps: bool, home: px4_frame
         reading: Measurement of the agent.
         time: Time stamp [us].
         gps: True if a GPS message is included.
-        home: Origin of the world frame on Earth.
+        home_position: Origin of the world frame on Earth.
 
     Yields:
         MAVLink messages.
@@ -358,9 +360,9 @@ def sensor_messages(reading: AgentReading, time: int, gps: bool, home: px4_frame
         px4_frames.flu_frd(np.asarray(reading.omega)),
         px4_frames.enu_ned(np.asarray(reading.v)),
     )
-    field = px4_frames.attitude_enu_ned(R).T @ np.array(home.magnetic_field)
-    latitude, longitude, height = (int(x) for x in px4_frames.geodetic(home, p))
-    altitude = home.altitude + float(p[2])
+    field = px4_frames.attitude_enu_ned(R).T @ np.array(home_position.magnetic_field)
+    latitude, longitude, height = (int(x) for x in px4_frames.geodetic(home_position, p))
+    altitude = home_position.altitude + float(p[2])
     hPa = px4_frames.pressure(altitude)
     yield mavlink.MAVLink_hil_sensor_message(
         time, *a, *omega, *field, hPa, 0.0, altitude, 20.0, fields_updated=ALL_FIELDS, id=0

@@ -1,6 +1,6 @@
 """Export of flights as ROS 2 bags in MCAP format with poses, wrenches and joint states (extra `mcap`).
 
-Frames are `world`, `payload` (origin at the centre of mass), the name of each agent (its base, the root of its URDF)
+Frames are `world`, `payload` (origin at the center of mass), the name of each agent (its base, the root of its URDF)
 and `agent/arm` (the contact, fixed in the payload frame); `/tf` contains their poses. A wrench is in the frame of its
 header. Time starts at 0. ROS does not permit `-` in names; it is replaced by `_`.
 """

@@ -73,18 +73,18 @@ def forward_kinematics(agent: AerialManipulator, r: Float[Array, "n_r"]) -> Forw
     placed = origin[carrier] + matvec(rotation[carrier], jnp.concatenate([agent.com, agent.tip_position]))
     point = jnp.concatenate([placed[:bodies], origin[1:], placed[bodies:]])
     axis = matvec(rotation[1:], agent.joint_axis)  # the rotation of a joint does not change its axis
-    turns, slid = _moved(tree)
+    rotates, translates = _joint_effects(tree)
     lever = point[:, None] - origin[None, 1:]
     return ForwardKinematics(
         rotation=rotation,
         joint_axis=axis,
         points=point,
-        J_point=so3.cross(axis[None], lever) * turns + axis[None] * slid,
-        J_omega=axis[None] * turns[:bodies],
+        J_point=so3.cross(axis[None], lever) * rotates + axis[None] * translates,
+        J_omega=axis[None] * rotates[:bodies],
     )
 
 
-def _moved(tree: KinematicTree) -> tuple[np.ndarray, np.ndarray]:
+def _joint_effects(tree: KinematicTree) -> tuple[np.ndarray, np.ndarray]:
     """Return masks over points and joints: whether the joint rotates the point, and whether it translates it."""
     bodies = [*range(tree.joints + 1), *range(1, tree.joints + 1), *tree.tip_bodies]
     moved = tree.ancestors[bodies].astype(float)[:, :, None]
@@ -189,7 +189,7 @@ def bias_forces(
     """
     tree = agent.tree
     bodies = tree.joints + 1
-    turns, slid = _moved(tree)
+    rotates, translates = _joint_effects(tree)
     rates = r_dot[None, :, None]
     w = omega[None] + (g.J_omega * rates).sum(1)
     point_dot = so3.cross(omega[None], g.points) + (g.J_point * rates).sum(1)
@@ -197,10 +197,11 @@ def bias_forces(
     joint, joint_dot = g.points[bodies : bodies + tree.joints], point_dot[bodies : bodies + tree.joints]
     lever, lever_dot = g.points[:, None] - joint[None], point_dot[:, None] - joint_dot[None]
     J_dot = (
-        turns * (so3.cross(axis_dot[None], lever) + so3.cross(g.joint_axis[None], lever_dot)) + slid * axis_dot[None]
+        rotates * (so3.cross(axis_dot[None], lever) + so3.cross(g.joint_axis[None], lever_dot))
+        + translates * axis_dot[None]
     )
     a = so3.cross(omega[None], point_dot) + (J_dot * rates).sum(1)
-    alpha = (turns[:bodies] * axis_dot[None] * rates).sum(1)
+    alpha = (rotates[:bodies] * axis_dot[None] * rates).sum(1)
     moment = matvec(q.inertia, alpha) + so3.cross(w, matvec(q.inertia, w))
     m = agent.mass[:, None]
     h = (q.J_com * (m * a[:bodies])[:, :, None]).sum((0, 1)) + (q.J_angular * moment[:, :, None]).sum((0, 1))

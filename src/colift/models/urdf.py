@@ -118,7 +118,9 @@ def _vector(name: str, values: Vector) -> np.ndarray:
     return vector
 
 
-def load_urdf(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, float] = ZERO_POSITIONS) -> Robot:
+def load_urdf(
+    path: str | Path, mimic: Mimic | None = None, nominal_positions: Mapping[str, float] = ZERO_POSITIONS
+) -> Robot:
     """Read a URDF file.
 
     A file that cannot be read raises `OSError`.
@@ -126,7 +128,7 @@ def load_urdf(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, f
     Args:
         path: File.
         mimic: Treatment of coupled joints, see `parse_urdf`.
-        rest: Positions for frozen joints, see `parse_urdf`.
+        nominal_positions: Positions for frozen joints, see `parse_urdf`.
 
     Returns:
         The robot.
@@ -138,11 +140,11 @@ def load_urdf(path: str | Path, mimic: Mimic | None = None, rest: Mapping[str, f
         text = file.read(MAX_BYTES + 1)
     if len(text) > MAX_BYTES:
         raise ValueError(f"{path}:1: the file is larger than {MAX_BYTES // 2**20} MiB, the maximum for URDF files")
-    return parse_urdf(text, str(path), mimic, rest)
+    return parse_urdf(text, str(path), mimic, nominal_positions)
 
 
 def parse_urdf(
-    text: str | bytes, file: str, mimic: Mimic | None = None, rest: Mapping[str, float] = ZERO_POSITIONS
+    text: str | bytes, file: str, mimic: Mimic | None = None, nominal_positions: Mapping[str, float] = ZERO_POSITIONS
 ) -> Robot:
     """Parse a URDF document.
 
@@ -155,7 +157,7 @@ def parse_urdf(
         file: File name, for messages.
         mimic: Treatment of coupled joints (`<mimic>`): "frozen" fixes them at `multiplier position + offset`, where
             `position` is that of the joint they depend on; "independent" makes them independent joints.
-        rest: Position of each joint that frozen joints depend on [rad, m], by name; default: 0.
+        nominal_positions: Position of each joint that frozen joints depend on [rad, m], by name; default: 0.
 
     Returns:
         The robot.
@@ -168,14 +170,14 @@ def parse_urdf(
             _fail(element, f"<{element.tag}> is a macro; expand the file with xacro first")
     links, all_joints = _elements_by_name(robot, "link"), _elements_by_name(robot, "joint")
     root, below = _tree(robot, links, all_joints)
-    frozen = _frozen_positions(all_joints, mimic, rest)
+    frozen = _frozen_positions(all_joints, mimic, nominal_positions)
     body_links: list[list[tuple[_Element, Placement]]] = [[]]  # links of each body
     joints: list[Joint] = []
     places: dict[str, Placement] = {}
     base = Placement(body=0, rotation=np.eye(3), position=np.zeros(3))
-    ahead: list[tuple[str, _Element | None, Placement]] = [(root, None, base)]
-    while ahead:
-        name, joint, place = ahead.pop()
+    pending: list[tuple[str, _Element | None, Placement]] = [(root, None, base)]
+    while pending:
+        name, joint, place = pending.pop()
         if joint is not None:
             place = _joint_frame(joint, place)
             if joint.attributes["name"] in frozen:
@@ -186,7 +188,7 @@ def parse_urdf(
                 body_links.append([])
         places[name] = place
         body_links[place.body].append((links[name], place))
-        ahead += [(child, element, place) for child, element in reversed(below[name])]
+        pending += [(child, element, place) for child, element in reversed(below[name])]
     return Robot(file=file, bodies=tuple(_body(parts) for parts in body_links), joints=tuple(joints), links=places)
 
 
@@ -398,8 +400,8 @@ def _numbers(element: _Element | None, name: str, count: int, default: Vector, o
         values = np.array([])
     cut = text if len(text) <= 60 else f"{text[:60]}..."
     if len(values) != count or not np.isfinite(values).all():
-        wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-        _fail(element, f"{owner}: {name!r} of <{element.tag}> must be {wanted}, got {cut!r}")
+        expected = "a finite number" if count == 1 else f"{count} finite numbers"
+        _fail(element, f"{owner}: {name!r} of <{element.tag}> must be {expected}, got {cut!r}")
     if np.abs(values).max() > MAX_NUMBER:
         _fail(element, f"{owner}: {name!r} of <{element.tag}> must be at most {MAX_NUMBER:g} in size, got {cut!r}")
     return values
@@ -447,11 +449,11 @@ def _tree(
 
 def _below(root: str, below: dict[str, list[tuple[str, _Element]]]) -> Iterator[str]:
     """Iterate over the links that are connected to the root."""
-    ahead = [root]
-    while ahead:
-        name = ahead.pop()
+    pending = [root]
+    while pending:
+        name = pending.pop()
         yield name
-        ahead += [child for child, _ in below[name]]
+        pending += [child for child, _ in below[name]]
 
 
 def _link_of(joint: _Element, end: str, links: dict[str, _Element]) -> str:

@@ -28,7 +28,7 @@ def cache_directory(name: str) -> Path:
     root = Path(os.environ.get("XDG_CACHE_HOME", ""))
     try:
         path = (root if root.is_absolute() else Path.home() / ".cache") / "colift" / name
-    except RuntimeError:  # neither $HOME nor an entry of the user in the system's database
+    except RuntimeError:  # no $HOME and no entry of the user in the system's database
         raise CacheUnavailable("there is no home folder; set $XDG_CACHE_HOME to a folder for caches") from None
     try:
         path.mkdir(parents=True, exist_ok=True)

@@ -46,14 +46,14 @@ def actuator_lag(lag: schema.ActuatorLag, settings: schema.Scenario) -> Actuator
 P = TypeVar("P")
 
 
-def build_plugin(plugin: schema.PluginReference, where: str, kind: type[P], *joins: Any) -> P:
+def build_plugin(plugin: schema.PluginReference, location: str, kind: type[P], *arguments: Any) -> P:
     """Build a user-defined part, with its numbers as arrays.
 
     Args:
         plugin: Class and settings of the part.
-        where: Setting that names the part, for messages.
+        location: Setting that names the part, for messages.
         kind: Interface of the part.
-        *joins: Arguments of the method `build` of the part.
+        *arguments: Arguments of the method `build` of the part.
 
     Returns:
         The part.
@@ -62,10 +62,10 @@ def build_plugin(plugin: schema.PluginReference, where: str, kind: type[P], *joi
         ScenarioError: If the part does not have the interface.
     """
     build = getattr(plugin.settings, "build")  # noqa: B009  `plugins.plugin_settings` requires the method
-    made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), build(*joins))
+    made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), build(*arguments))
     if not isinstance(made, kind):
         raise ScenarioError(
-            f"{where}: {plugin.class_path} built a value of type {type(made).__name__}, "
+            f"{location}: {plugin.class_path} built a value of type {type(made).__name__}, "
             f"which is no {kind.__module__}.{kind.__name__} (docs/change_a_part.md)"
         )
     return made

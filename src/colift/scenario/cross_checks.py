@@ -31,13 +31,13 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
         *_allocation(data),
         *_times(data),
         *_rates(data),
-        *_flanks(data),
+        *_ramps(data),
         *_waves(data),
-        *_memory(data),
+        *_required_memory(data),
         *_limits(data),
         *_poses(data),
         *_delays(data),
-        *_added(data),
+        *_mass_steps(data),
     ]
 
 
@@ -67,13 +67,13 @@ def _names(items: list[Any]) -> list[str]:
 
 
 def _repeated(items: list[Any], place: Place) -> Iterator[ErrorMessage]:
-    seen: set[Any] = set()
+    known_names: set[Any] = set()
     for i, item in enumerate(items):
         name = _part(item, "name")
-        if isinstance(name, str) and name in seen:
+        if isinstance(name, str) and name in known_names:
             yield (*place, i, "name"), f"{format_value(name)} is used twice"
         elif isinstance(name, str):
-            seen.add(name)
+            known_names.add(name)
 
 
 def bodies(kind: Any) -> list[str]:
@@ -163,7 +163,7 @@ def _disturbances(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield (*place, "acts_on"), f"{kind} acts on agents, not on the payload"
         elif on == "payload":
             if body not in (None, "base"):
-                yield (*place, "body"), "must be left out: the payload is one body"
+                yield (*place, "body"), "must be omitted: the payload is one body"
         elif isinstance(body, str):
             for agent in agents:
                 here = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
@@ -176,19 +176,19 @@ def _disturbances(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _frictions(sources: list[Any], agents: list[str]) -> Iterator[ErrorMessage]:
-    rubbed: dict[str, str] = {}
+    friction_sources: dict[str, str] = {}
     for i, source in enumerate(sources):
         if _part(source, "kind") != "joint_friction":
             continue
         for agent in agents:
             if _part(source, "acts_on") in ("agents", agent):
-                if agent in rubbed:
+                if agent in friction_sources:
                     yield (
                         ("disturbances", i, "acts_on"),
-                        f"agent {format_value(agent)} has joint friction from {format_value(rubbed[agent])}",
+                        f"agent {format_value(agent)} has joint friction from {format_value(friction_sources[agent])}",
                     )
                     break
-                rubbed[agent] = str(_part(source, "name"))
+                friction_sources[agent] = str(_part(source, "name"))
 
 
 def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
@@ -215,7 +215,7 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
                 )
 
 
-UPDATES = ("learning", "update_times_s")
+UPDATE_TIMES_PATH = ("learning", "update_times_s")
 
 
 def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:
@@ -226,16 +226,19 @@ def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     if start >= end:
         yield ("learning", "start_s"), f"must be less than end_s = {end:g}, got {start:g}"
     sample = _number(data, "learning", "sample_Hz")
-    times = [_number(data, "learning", "update_times_s", i) for i in range(len(_items(data, *UPDATES)))]
+    times = [_number(data, "learning", "update_times_s", i) for i in range(len(_items(data, *UPDATE_TIMES_PATH)))]
     for i, (before, t) in enumerate(itertools.pairwise([start, *times])):
         if t > end:
-            yield (*UPDATES, i), f"must not exceed end_s = {end:g}, got {t:g}"
+            yield (*UPDATE_TIMES_PATH, i), f"must not exceed end_s = {end:g}, got {t:g}"
         if t <= before:
             first = f"start_s = {start:g}, or there are no data"
-            yield (*UPDATES, i), f"must exceed {f'the one before, {before:g}' if i else first}, got {t:g}"
+            yield (*UPDATE_TIMES_PATH, i), f"must exceed {f'the one before, {before:g}' if i else first}, got {t:g}"
         elif (t - before) * sample < 1 - 1e-9:
             since = "the one before" if i else "start_s"
-            yield (*UPDATES, i), f"must be a period of sample_Hz = {sample:g} after {since}, {before:g}, got {t:g}"
+            yield (
+                (*UPDATE_TIMES_PATH, i),
+                f"must be a period of sample_Hz = {sample:g} after {since}, {before:g}, got {t:g}",
+            )
 
 
 def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
@@ -250,20 +253,20 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield place, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
     duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_time_s")
     if _named(data, "random_residual") and _part(data, "reference", "kind") == "plugin":
-        yield ("random_residual",), "must be left out: its centres lie along a reference that colift knows"
+        yield ("random_residual",), "must be omitted: its centers lie along a built-in reference"
     if _named(data, "random_residual") and ramp >= duration:
         yield (
             ("reference", "ramp_time_s"),
-            f"must be less than duration_s = {duration:g}: the centres of `random_residual` lie beyond, got {ramp:g}",
+            f"must be less than duration_s = {duration:g}: the centers of `random_residual` lie beyond, got {ramp:g}",
         )
 
 
-def _flanks(data: dict[str, Any]) -> Iterator[ErrorMessage]:
+def _ramps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     begin, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
     if 2 * _number(data, "allocation", "internal", "ramp_time_s") > over - begin:
         yield (
             ("allocation", "internal", "ramp_time_s"),
-            f"two flanks must fit between start_s and end_s, {over - begin:g} s",
+            f"two ramps must fit between start_s and end_s, {over - begin:g} s",
         )
 
 
@@ -296,7 +299,7 @@ def _size(data: dict[str, Any]) -> float:
     return max((math.dist(a, b) for a, b in itertools.combinations(held, 2) if math.isfinite(sum(a + b))), default=0.0)
 
 
-def _memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
+def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check the memory of the log (duration times rate) and of the models (square of their samples)."""
     duration, rate = _number(data, "duration_s"), _number(data, "control_Hz")
     log = 8 * duration * rate * log_size(data)
@@ -360,13 +363,13 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield (*place, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {taken:g}"
 
 
-def _added(data: dict[str, Any]) -> Iterator[ErrorMessage]:
+def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that the mass stays positive after a mass step, and that the physics supports the step."""
     added, mass = _number(data, "payload_mass_step", "mass_kg"), _number(data, "payload", "mass_kg")
     if mass + added <= 0:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
     if not math.isnan(added) and _part(data, "physics", "kind") == "mujoco":
-        yield ("payload_mass_step",), "physics mujoco has a payload that does not change; take kind: rigid"
+        yield ("payload_mass_step",), "physics mujoco does not support it; use kind: rigid"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:

@@ -29,19 +29,22 @@ from colift.simulation.disturbances import (
 def make_disturbances(settings: schema.Scenario) -> DisturbanceSet:
     """The sources of the truth, mounted."""
     teams = team.group_agents(settings)
-    laws = _laws(settings)
+    point_disturbances = _point_disturbances(settings)
     return DisturbanceSet(
         payload=tuple(
-            PayloadDisturbance(name=source.name, model=_law(source), point=array(source.attachment_point_m))
-            for source in laws
+            PayloadDisturbance(name=source.name, model=_make_model(source), point=array(source.attachment_point_m))
+            for source in point_disturbances
             if source.acts_on == "payload"
         ),
-        agents=tuple(tuple(mount for source in laws for mount in _mounts(settings, source, group)) for group in teams),
+        agents=tuple(
+            tuple(mount for source in point_disturbances for mount in _mounts(settings, source, group))
+            for group in teams
+        ),
         joints=tuple(_friction(settings, group) for group in teams),
     )
 
 
-def _laws(settings: schema.Scenario) -> list[schema.PointDisturbance]:
+def _point_disturbances(settings: schema.Scenario) -> list[schema.PointDisturbance]:
     return [source for source in settings.disturbances if not isinstance(source, schema.JointFriction)]
 
 
@@ -54,25 +57,25 @@ def _mounts(
         if source.acts_on in ("agents", agent.name):
             body = bodies(settings.agent_types[agent.type].model_dump()).index(source.body)
             carriers.setdefault(body, [0.0] * len(group))[k] = 1.0
-    law = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (len(group), *x.shape))), _law(source))
+    model = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (len(group), *x.shape))), _make_model(source))
     for body, active in carriers.items():
         point = array([source.attachment_point_m] * len(group))
-        yield AgentDisturbance(body=body, name=source.name, model=law, point=point, active=array(active))
+        yield AgentDisturbance(body=body, name=source.name, model=model, point=point, active=array(active))
 
 
 def _friction(settings: schema.Scenario, group: list[schema.Agent]) -> JointFriction:
-    rubbing = [source for source in settings.disturbances if isinstance(source, schema.JointFriction)]
+    frictions = [source for source in settings.disturbances if isinstance(source, schema.JointFriction)]
     joints = len(settings.agent_types[group[0].type].joints)
     table = np.tile([0.0, 0.0, 1.0], (len(group), 1))  # no friction; the speed then has no effect
     for k, agent in enumerate(group):
-        for source in rubbing:
+        for source in frictions:
             if source.acts_on in ("agents", agent.name):
                 table[k] = source.viscous_Nms, source.coulomb_Nm, source.smoothing_speed_radps
     viscous, coulomb, speed = (jnp.asarray(np.tile(column[:, None], (1, joints))) for column in table.T)
     return JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
 
-def _law(source: schema.PointDisturbance) -> DisturbanceModel:
+def _make_model(source: schema.PointDisturbance) -> DisturbanceModel:
     return DISTURBANCE_MODELS[type(source)](source)
 
 

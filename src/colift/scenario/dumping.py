@@ -18,7 +18,7 @@ from colift.scenario.schema import Scenario
 def to_yaml(settings: Scenario) -> str:
     """The YAML that states every setting, defaults too and other files' contents in plain numbers; `parse` reads it."""
     yaml = YAML()
-    yaml.default_flow_style = None  # what holds no other section or list stands on one line
+    yaml.default_flow_style = None  # sections and lists without nested ones are written in one line
     yaml.width = 120
     out = io.StringIO()
     yaml.dump({"schema": SCHEMA} | settings.model_dump(mode="json", exclude_none=True), out)
@@ -32,7 +32,7 @@ def with_control(written: str, control: Mapping[str, Any]) -> str:
     """
     yaml = YAML()
     yaml.preserve_quotes = True
-    yaml.width = 4096  # lines stay as long as they are
+    yaml.width = 4096  # long lines are not wrapped
     yaml.indent(mapping=2, sequence=4, offset=2)
     try:
         data = yaml.load(written)

@@ -18,13 +18,13 @@ class ScenarioError(ValueError):
     """Scenario that cannot be used; the message contains one line per error."""
 
 
-def unknown_name_message(name: Any, allowed: Iterable[str], what: str) -> str:
+def unknown_name_message(name: Any, allowed: Iterable[str], kind: str) -> str:
     """Return the message `NAME is not WHAT (a, b); did you mean a?`."""
     allowed = list(allowed)
     listed = ", ".join(allowed[:MAX_LISTED_NAMES]) + f", and {len(allowed) - MAX_LISTED_NAMES} more" * (
         len(allowed) > MAX_LISTED_NAMES
     )
-    return f"{format_value(name)} is not {what} ({listed or 'there are none'}){suggestion(name, allowed)}"
+    return f"{format_value(name)} is not {kind} ({listed or 'there are none'}){suggestion(name, allowed)}"
 
 
 def suggestion(name: Any, allowed: Iterable[str]) -> str:

@@ -131,19 +131,19 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         seed=settings.seed,
         fit_latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
-    return {case: _as(case, c1, settings) for case in cases}
+    return {case: _case_experiment(case, c1, settings) for case in cases}
 
 
-def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
+def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """Return the experiment of a case, from the experiment of case C1."""
-    rival, given = settings.baselines, settings.learning
-    learns, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
+    tuning, given = settings.baselines, settings.learning
+    learned, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
     controller = c1.controller
-    recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learns), agents=jnp.asarray(agents))
+    recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learned), agents=jnp.asarray(agents))
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
         case "integral":
-            K_i, k_i = jnp.asarray(rival.position_integral_gain), jnp.asarray(rival.attitude_integral_gain)
+            K_i, k_i = jnp.asarray(tuning.position_integral_gain), jnp.asarray(tuning.attitude_integral_gain)
             controller = dataclasses.replace(
                 controller,
                 payload_controller=payload_controllers.IntegralAction(
@@ -152,7 +152,7 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
             )
         case "disturbance_observer":
             observer = residual_predictors.DisturbanceObserver(
-                base=controller.residual_predictor, bandwidth=jnp.asarray(rival.dob_Hz)
+                base=controller.residual_predictor, bandwidth=jnp.asarray(tuning.dob_Hz)
             )
             controller = dataclasses.replace(controller, residual_predictor=observer)
         case "true_residual":
@@ -162,38 +162,38 @@ def _as(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experime
                     f"these disturbances have an internal state: {', '.join(stateful)}"
                 )
             controller = controllers.with_preview(controller)
-            truly = TrueResidualFunction(world=c1.world, nominal=controller.team)
+            true_residual = TrueResidualFunction(world=c1.world, nominal=controller.team)
             controller = dataclasses.replace(
-                controller, residual_predictor=residual_predictors.TrueResidual(function=truly)
+                controller, residual_predictor=residual_predictors.TrueResidual(function=true_residual)
             )
         case "regression":
             controller = controllers.with_preview(controller)
-            nothing = controller.recorder.init(controller.team, controller.residual_model)
+            no_samples = controller.recorder.init(controller.team, controller.residual_model)
             controller = dataclasses.replace(
                 controller,
-                residual_model=ridge_regression.fit_ridge(controller.residual_model, nothing, rival.ridge_alpha),
+                residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, tuning.ridge_alpha),
             )
         case "label_feedback" | "gp_label_feedback" | "adaptive":
             controller = controllers.with_innovation_filter(
                 settings, controllers.with_preview(controller), hold_correction=case != "adaptive"
             )
     prior = np.array(
-        [rival.mass_prior_std_kg, *[rival.first_moment_prior_std_kgm] * 3, *[rival.inertia_prior_std_kgm2] * 6]
+        [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
     )
     noise = np.array([given.payload.noise_std.force_N] * 3 + [given.payload.noise_std.moment_Nm] * 3)
     parameters = online_learner.IdentificationOptions(
         label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
     )
-    made = dataclasses.replace(
+    experiment = dataclasses.replace(
         c1,
         controller=controller,
-        update_times=given.update_times_s if learns else (),
+        update_times=given.update_times_s if learned else (),
         identification={
             "parametric": parameters,
-            "regression": online_learner.RidgeOptions(ridge=rival.ridge_alpha),
+            "regression": online_learner.RidgeOptions(ridge=tuning.ridge_alpha),
         }.get(case),
     )
-    return _with_online_updates(made, settings) if case == "adaptive" else made
+    return _with_online_updates(experiment, settings) if case == "adaptive" else experiment
 
 
 def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:

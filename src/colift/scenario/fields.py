@@ -34,7 +34,7 @@ def range_reason(reason: str) -> SchemaNote:
     return SchemaNote("why", reason)
 
 
-def _thrice(given: Any) -> Any:
+def _repeat_three_times(given: Any) -> Any:
     """Repeat a single number for all three axes."""
     return (given,) * 3 if isinstance(given, int | float) and not isinstance(given, bool) else given
 
@@ -104,7 +104,7 @@ PreviewStep = Annotated[
     range_reason("shorter steps cause rounding errors; longer ones make the interpolation inaccurate"),
 ]
 Period = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("at most 10 Hz; at least once a day")]
-Periods = Annotated[tuple[Period, Period, Period], BeforeValidator(_thrice)]
+Periods = Annotated[tuple[Period, Period, Period], BeforeValidator(_repeat_three_times)]
 ControlRate = Annotated[
     Number,
     Field(ge=20, le=1e4),
@@ -147,7 +147,7 @@ Noise = Annotated[Number, Field(ge=0, le=1e3), _USELESS]
 AngularNoise = Annotated[Number, Field(ge=0, le=90), range_reason("larger noise makes a reading useless")]
 Gain = Annotated[Number, Field(ge=1e-6, le=1e8), range_reason("unstable at every permitted control rate")]
 GainOrNone = Annotated[Number, Field(ge=0, le=1e8), range_reason("unstable at every permitted control rate")]
-Gains = Annotated[tuple[Gain, Gain, Gain], BeforeValidator(_thrice)]
+Gains = Annotated[tuple[Gain, Gain, Gain], BeforeValidator(_repeat_three_times)]
 Deviation = Annotated[Number, Field(ge=1e-9, le=1e6), range_reason("from 1e-9 N to the weight of 100 t")]
 Deviations = Annotated[tuple[Deviation, Deviation], BeforeValidator(_twice)]
 Lengthscale = Annotated[

@@ -11,7 +11,7 @@ from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
 from colift.scenario.schema import Pose, Section
 
-PLACE, TURN = ("time_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
+POSITION_COLUMNS, ATTITUDE_COLUMNS = ("time_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")
 
 
 class WaypointsFromFile(Section):
@@ -44,21 +44,21 @@ def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], li
     except (csv.Error, ValueError) as error:  # ValueError: no UTF-8, a NUL in the path
         wrong, poses = [f"cannot be read: {error}"], []
     if not wrong and len(poses) < 2:
-        wrong = [f"must hold two poses or more, got {len(poses)}"]
+        wrong = [f"must contain at least two poses, got {len(poses)}"]
     return {"kind": "waypoints", "poses": poses}, [
         (("file",), f"{format_value(section.file)}: {line}") for line in wrong
     ]
 
 
 def _columns(names: list[str]) -> Iterator[str]:
-    yield from (f"line 1: column {name} is required" for name in PLACE if name not in names)
-    if 0 < sum(name in names for name in TURN) < len(TURN):
-        yield f"line 1: {', '.join(TURN)} come together"
+    yield from (f"line 1: column {name} is required" for name in POSITION_COLUMNS if name not in names)
+    if 0 < sum(name in names for name in ATTITUDE_COLUMNS) < len(ATTITUDE_COLUMNS):
+        yield f"line 1: {', '.join(ATTITUDE_COLUMNS)} must occur together"
     for i, name in enumerate(names):
-        if name not in PLACE + TURN:
-            yield f"line 1: {unknown_name_message(name, PLACE + TURN, 'a column')}"
+        if name not in POSITION_COLUMNS + ATTITUDE_COLUMNS:
+            yield f"line 1: {unknown_name_message(name, POSITION_COLUMNS + ATTITUDE_COLUMNS, 'a column')}"
         elif name in names[:i]:
-            yield f"line 1: column {name} stands twice"
+            yield f"line 1: column {name} occurs twice"
 
 
 def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
@@ -73,8 +73,8 @@ def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
             wrong.append(f"{name}: must be a number, got {format_value(text)}")
     if wrong:
         return {}, wrong
-    pose: dict[str, Any] = {"time_s": numbers["time_s"], "position_m": [numbers[name] for name in PLACE[1:]]}
-    pose |= {"rpy_deg": [numbers[name] for name in TURN]} if TURN[0] in names else {}
+    pose: dict[str, Any] = {"time_s": numbers["time_s"], "position_m": [numbers[name] for name in POSITION_COLUMNS[1:]]}
+    pose |= {"rpy_deg": [numbers[name] for name in ATTITUDE_COLUMNS]} if ATTITUDE_COLUMNS[0] in names else {}
     try:
         Pose.model_validate(pose)
     except ScenarioError as error:

@@ -61,7 +61,7 @@ def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], li
         return {}, [(("urdf",), f"{format_value(section.urdf)} cannot be read: {error.strerror or error}")]
     except ValueError as error:
         return {}, [(("urdf",), str(error))]
-    wrong = list(_mistakes(section, robot))
+    wrong = list(_errors(section, robot))
     if wrong:
         return {}, wrong
     numbers = _numbers(section, robot)
@@ -72,7 +72,7 @@ def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], li
     return numbers, []
 
 
-def _mistakes(section: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[ErrorMessage]:
+def _errors(section: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[ErrorMessage]:
     for joint in robot.joints:
         if not re.fullmatch(NAME, joint.name):
             yield ("urdf",), f"joint {format_value(joint.name)}: a name is a letter, then letters, digits, - or _"

@@ -23,7 +23,7 @@ from colift.scenario.schema import Scenario, Section
 
 SHIPPED_DIRECTORY = resources.files("colift.scenario") / "library"
 SUFFIXES = (".yaml", ".yml")
-SETTINGS = TypeAdapter(Scenario)
+SCENARIO_ADAPTER = TypeAdapter(Scenario)
 
 
 def shipped_names() -> list[str]:
@@ -93,14 +93,14 @@ def parse(text: str, file: str, overrides: Sequence[str] = ()) -> Scenario:
         ScenarioError: As in `load_scenario`.
     """
     written = functools.reduce(yaml_tree.with_setting, overrides, _whole(text, file))
-    data, elsewhere = _expanded(written.data, Path(file).parent)
-    unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in elsewhere}
+    data, from_files = _expanded(written.data, Path(file).parent)
+    unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in from_files}
     found: dict[Place, list[str | ErrorDetails]] = {}
-    for place, sentence in (*written.errors, *elsewhere):
+    for place, sentence in (*written.errors, *from_files):
         found.setdefault(place, []).append(sentence)
     try:
         with plugins.plugin_path(Path(file).parent):
-            settings = SETTINGS.validate_python(data)
+            settings = SCENARIO_ADAPTER.validate_python(data)
     except ValidationError as error:
         wrong = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]
         _add(found, [(validation.place(data, e["loc"], e["type"]), e) for e in wrong])

@@ -55,7 +55,7 @@ def sample_residuals(
     moving = moves.ramp_time_s if isinstance(moves, schema.Lissajous) else moves.poses[0].time_s
     zero = priors.prior_model(settings, truth)
     where, along = (
-        _carried(trajectories.make_reference(settings), zero.features, state, jnp.asarray(t))
+        _team_features(trajectories.make_reference(settings), zero.features, state, jnp.asarray(t))
         for t in (
             rng.uniform(moving, settings.duration_s, num_centers),
             np.linspace(moving, settings.duration_s, 400),
@@ -100,7 +100,7 @@ _means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(None, None, None, 0))
-def _carried(
+def _team_features(
     path: base.ReferenceTrajectory, features: Features, team_state: State, t: Array
 ) -> tuple[Array, tuple[Array, ...]]:
     """Return features of payload and agents for the team in translation along the reference."""

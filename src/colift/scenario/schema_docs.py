@@ -82,7 +82,7 @@ class Schema:
                         found.setdefault((format_range(leaf), leaf["why"]), []).append(f"{section}.{key}")
         return found
 
-    def settings_beside(self, loc: Place) -> list[str]:
+    def sibling_settings(self, loc: Place) -> list[str]:
         """Return the names of the settings of the section that contains the last part of `loc`."""
         node = self._root
         for key in loc[:-1]:
@@ -190,7 +190,14 @@ def _ranges(schemas: list[Schema]) -> str:
     for schema in schemas:
         for key, names in schema.ranges().items():
             found.setdefault(key, []).extend(names)
-    lines = ["## Ranges", "", "Why a number may not be further out.", "", "| range | why | settings |", "|---|---|---|"]
+    lines = [
+        "## Ranges",
+        "",
+        "The table states the reason of each range.",
+        "",
+        "| range | reason | settings |",
+        "|---|---|---|",
+    ]
     lines += [
         f"| {a} | {why} | {', '.join(f'`{name}`' for name in dict.fromkeys(names))} |"
         for (a, why), names in found.items()

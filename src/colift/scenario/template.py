@@ -166,7 +166,7 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     thrust_max_N: {2 * 9.81 * (1.3 * mass):.3g}
     tips:  # links that hold the payload: these carry no other; are they the hands?
 {hands}
-{_rests(robot, r)}"""
+{_nominal_positions_text(robot, r)}"""
     held = tuple((float(x), float(y), float(z)) for x, y, z in points - [0, 0, points[:, 2].mean()])
     return _scenario(name, VehicleTemplate("vehicle", kind, mass, held), agents)
 
@@ -175,8 +175,8 @@ def _tips(robot: urdf.Robot) -> list[str]:
     """Return the outermost link of the last body of each chain; of the base if there is no other body."""
     carried = {joint.parent for joint in robot.joints}
     ends = [k for k in range(len(robot.bodies)) if k not in carried]
-    far = lambda link: float(np.linalg.norm(robot.tip(link)[1]))  # noqa: E731
-    return [max((link for link in robot.links if robot.tip(link)[0] == k), key=far) for k in ends]
+    distance_of = lambda link: float(np.linalg.norm(robot.tip(link)[1]))  # noqa: E731
+    return [max((link for link in robot.links if robot.tip(link)[0] == k), key=distance_of) for k in ends]
 
 
 JOINT_ANGLE_CANDIDATES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, candidates of revolute joints
@@ -218,7 +218,7 @@ def _bent(own: AerialManipulator) -> np.ndarray:
     return best if condition(best) < MIN_MANIPULABILITY else zero  # `check` reports parallel axes
 
 
-def _rests(robot: urdf.Robot, r: np.ndarray) -> str:
+def _nominal_positions_text(robot: urdf.Robot, r: np.ndarray) -> str:
     """Generate the line of the nominal joint positions, commented out if all are zero."""
     if not r.any():
         return "    # nominal_position_rad: {joint: 0.5}  # where joints rest; 0 where left out\n"

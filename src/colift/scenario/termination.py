@@ -73,7 +73,7 @@ def true_hover_thrust(
     """
     z, given = initial_states.equilibrium_state(settings, truth), settings.allocation.internal
     f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
-    required = np.max([_hovering(truth, base_controller, z, f, array(t)) for t in moments], axis=0)
+    required = np.max([_hover_residual(truth, base_controller, z, f, array(t)) for t in moments], axis=0)
     have = np.concatenate([group.thrust_max for group in truth.agent_groups])
     names = team.agent_names(settings)
     short = [
@@ -93,7 +93,7 @@ _acting = jax.jit(disturbances.initial_forces)
 
 
 @jax.jit
-def _hovering(
+def _hover_residual(
     truth: Team, base_controller: controller.LeaderFollowerController, state: State, f: ResidualForces, t: Array
 ) -> Array:
     """Compute the thrust `(agents,)` [N] at rest with the internal forces at time t [s]."""

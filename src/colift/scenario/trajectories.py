@@ -17,7 +17,7 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     if isinstance(given, schema.Plugin):
         return build_plugin(given, "reference", base.ReferenceTrajectory)
     if isinstance(given, schema.Waypoints):
-        turns = _unwound([np.asarray(so3.log(rotation(pose.rpy_deg))) for pose in given.poses])
+        turns = _unwrap([np.asarray(so3.log(rotation(pose.rpy_deg))) for pose in given.poses])
         return minimum_snap.minimum_snap(
             np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses]), turns
         )
@@ -45,7 +45,7 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     )
 
 
-def _unwound(theta: list[np.ndarray]) -> np.ndarray:
+def _unwrap(theta: list[np.ndarray]) -> np.ndarray:
     """Rotation vectors of the same rotations, each the nearest to the one before, up to one turn away."""
     out = [theta[0]]
     for context in theta[1:]:

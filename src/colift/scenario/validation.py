@@ -71,7 +71,7 @@ def validation_messages(error: ValidationError, model: type[BaseModel], data: An
 
 def truncation_note(count: int) -> list[str]:
     """Return a last line if there are more errors than are listed."""
-    return [f"and {count - MAX_MESSAGES} more mistakes"] if count > MAX_MESSAGES else []
+    return [f"and {count - MAX_MESSAGES} more errors"] if count > MAX_MESSAGES else []
 
 
 @functools.cache
@@ -81,14 +81,14 @@ def schema_of(model: type[BaseModel]) -> Schema:
 
 
 def as_validation_error(
-    wrong: Sequence[ErrorMessage], kind: Literal["mistake", "worded"] = "mistake"
+    messages: Sequence[ErrorMessage], kind: Literal["mistake", "worded"] = "mistake"
 ) -> ValidationError:
     """Convert messages to a pydantic error: `mistake` between sections, `worded` for a message within a section."""
     return ValidationError.from_exception_data(
         "Settings",
         [
             InitErrorDetails(type=PydanticCustomError(kind, "{message}", {"message": text}), loc=loc, input=None)
-            for loc, text in wrong
+            for loc, text in messages
         ],
     )
 
@@ -126,7 +126,7 @@ def error_message(error: ErrorDetails, schema: Schema) -> str:
     if kind == "extra_forbidden":
         if (hint := relocation_hint(error["loc"], given)) is not None:
             return hint
-        allowed = schema.settings_beside(error["loc"])
+        allowed = schema.sibling_settings(error["loc"])
         return "is not a setting here" + (suggestion(last, allowed) or f"; known: {', '.join(allowed)}")
     if kind == "missing":
         return "is required" if isinstance(last, str) else f"is missing: the list must have more than {last} values"

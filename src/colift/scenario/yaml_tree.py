@@ -59,7 +59,7 @@ def read(text: str, file: str) -> Tree:
     reader = _Reader(lambda line: f"{file}:{line}")
     node = reader.compose(text)
     if not isinstance(node, MappingNode):
-        reader.fail(1, "must be settings by name (`name: value`), one a line")
+        reader.fail(1, "must be settings by name (`name: value`), one per line")
     data = reader.value(node, ())
     return Tree(file, data, reader.lines, reader.wrong)
 
@@ -180,7 +180,7 @@ def _index(name: str, entries: list[Any], path: str) -> int:
     if not (name.isdecimal() and name.isascii() and len(name) < 10 and int(name) < size):
         there = f"entries 0 to {size - 1}" if size else "no entries"
         named = f" ({', '.join(map(format_value, names))})" if names else ""
-        raise ScenarioError(f"--set {path}: {format_value(name)} is none of the list's {there}{named}")
+        raise ScenarioError(f"--set {path}: must be one of the list's {there}{named}, got {format_value(name)}")
     return int(name)
 
 
@@ -213,7 +213,7 @@ class _Reader:
     def compose(self, text: str) -> Node | None:
         """Compose the only document of the text, with the line of every node."""
         if len(text) > MAX_BYTES:
-            self.fail(1, f"holds more than {MAX_BYTES} characters, which no scenario needs")
+            self.fail(1, f"holds more than {MAX_BYTES} characters, the limit of a scenario")
         try:
             return self.yaml.compose(text)
         except MaxDepthExceededError as error:
@@ -271,7 +271,7 @@ class _Reader:
                 self.wrong.append((place, f"the name of a setting must be text, got {label} in line {line}"))
             elif name in written:
                 first = self.lines[*place, name]
-                self.wrong.append(((*place, name), f"stands twice, in lines {first} and {line}"))
+                self.wrong.append(((*place, name), f"occurs twice, in lines {first} and {line}"))
             else:
                 self.lines[*place, name] = line
                 found[name] = self.value(value, (*place, name))

@@ -32,7 +32,7 @@ from colift.models.state import (
     TeamInputs,
 )
 
-CONSISTENCY_TOLERANCE = 1e-12  # m and m/s, residual of a consistent initial state: rounding for dimensions of metres
+CONSISTENCY_TOLERANCE = 1e-12  # m and m/s, residual of a consistent initial state: rounding for dimensions of meters
 NEWTON_ITERATIONS = 50
 PAYLOAD_MASS_SCALE = 1e6  # factor on payload mass and inertia in the metric of the initial correction; bases: its root
 
@@ -41,7 +41,7 @@ PAYLOAD_MASS_SCALE = 1e6  # factor on payload mass and inertia in the metric of 
 class AgentAcceleration:
     """Accelerations of one agent, or of a group of agents."""
 
-    v_dot: Float[Array, "*agents 3"]  # m/s^2, centre of mass, world
+    v_dot: Float[Array, "*agents 3"]  # m/s^2, center of mass, world
     xi_dot: Float[Array, "*agents xi"]  # rad/s^2 (prismatic joints: m/s^2), (omega_dot, r_ddot), base frame
 
 

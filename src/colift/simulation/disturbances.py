@@ -186,7 +186,7 @@ class Tether(DisturbanceModel):
 class GaussianJet(DisturbanceModel):
     """Local air jet with a Gaussian force profile: `F = force exp(-|x - center|^2 / (2 width^2))`."""
 
-    force: Vector  # N at the centre
+    force: Vector  # N at the center
     center: Vector  # m, world
     width: Scalar  # m, standard deviation of the profile
     time_invariant: ClassVar[bool] = True

@@ -1,9 +1,9 @@
 """MuJoCo as the plant of a simulated world (extra `mujoco`).
 
 The model is the one that `colift.models.mjcf` exports, so the exported file reproduces this plant. MuJoCo locates a
-base by its origin, colift an agent by its centre of mass; MuJoCo's kinematics convert between both. Thrust and torques
+base by its origin, colift an agent by its center of mass; MuJoCo's kinematics convert between both. Thrust and torques
 are actuators of the model. A residual force `f_x` is distributed over the bodies of an agent in proportion to their
-mass, which equals a force at the centre of mass. `(f_w, f_r)` act on the base rotation and on the joints.
+mass, which equals a force at the center of mass. `(f_w, f_r)` act on the base rotation and on the joints.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class MujocoPlant:
     """
 
     substeps: int = static()
-    host: MujocoSession = static()
+    session: MujocoSession = static()
 
     def forward_dynamics(
         self, team: Team, state: State, inputs: TeamInputs, f: ResidualForces
@@ -71,7 +71,7 @@ class MujocoPlant:
         )
         contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *_join_groups(templates), *_join_groups(contacts)]
-        a_L, v_dot, xi_dot, lam = _call_host(self.host.forward_dynamics, results, state, inputs, f)
+        a_L, v_dot, xi_dot, lam = _call_host(self.session.forward_dynamics, results, state, inputs, f)
         return Acceleration(agents=_split_groups(templates, [v_dot, xi_dot]), payload=a_L), _split_groups(
             contacts, [lam]
         )
@@ -96,7 +96,7 @@ class MujocoPlant:
         def substep(k: Int[Array, ""], state: State) -> State:
             payload_leaves, payload_structure = jax.tree.flatten(state.payload)
             rows = _call_host(
-                self.host.step, _state_rows(state), state, inputs, residual(state, k.astype(h.dtype) * h), h
+                self.session.step, _state_rows(state), state, inputs, residual(state, k.astype(h.dtype) * h), h
             )
             return State(
                 agents=_split_groups(state.agents, rows[: -len(payload_leaves)]),
@@ -128,7 +128,7 @@ def mujoco_plant(
         raise ValueError(f"substeps = {substeps}: must be at least 1")
     h = dt / substeps
     text = mjcf.to_mjcf(team, state, timestep=h, softness=softness or mjcf.stiffest_contact(h))
-    return MujocoPlant(substeps=substeps, host=MujocoSession(team, text))
+    return MujocoPlant(substeps=substeps, session=MujocoSession(team, text))
 
 
 # Conversion between PyTrees and flat rows ----------------------------------------------------------------------------
@@ -244,14 +244,14 @@ class MujocoSession:
     def forward_dynamics(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """Compute `a_L, v_dot, xi_dot, lam`, each as a row.
 
-        The acceleration of an agent's centre of mass follows from Newton's law:
+        The acceleration of an agent's center of mass follows from Newton's law:
         `m v_dot = m a_g + R e3 u + f_x - sum lam`.
 
         Args:
             *rows: State, inputs and residual, as `_set` expects them.
 
         Returns:
-            Payload acceleration, centre of mass accelerations, `xi_dot` of all agents, and contact forces [N, world].
+            Payload acceleration, center of mass accelerations, `xi_dot` of all agents, and contact forces [N, world].
         """
         with self.lock:
             self._set(*rows)
@@ -296,7 +296,7 @@ class MujocoSession:
         omega_L: np.ndarray,
         v_L: np.ndarray,
     ) -> None:
-        """Set MuJoCo's coordinates: base origins at rest at zero, then shifted to the centres of mass."""
+        """Set MuJoCo's coordinates: base origins at rest at zero, then shifted to the centers of mass."""
         d, q, w = self.data, self.payload_q, self.payload_v
         d.qpos[q : q + 7] = [*p, *_quaternion(R_L)]
         d.qvel[w : w + 6] = [*v_L, *omega_L]
@@ -310,7 +310,7 @@ class MujocoSession:
         d.qvel[speed] = v.reshape(-1, 3) - d.subtree_linvel[self.base]
 
     def _update_kinematics(self) -> None:
-        """Update MuJoCo's kinematics: attitudes, centres of mass and their velocities."""
+        """Update MuJoCo's kinematics: attitudes, centers of mass and their velocities."""
         for update in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_comVel, mujoco.mj_subtreeVel):
             update(self.model, self.data)
 

@@ -122,7 +122,7 @@ class SensedState:
     """True quantities that the sensors measure at one instant."""
 
     z: State
-    v_dot: tuple[Float[Array, "agents 3"], ...]  # m/s^2, centres of mass, world
+    v_dot: tuple[Float[Array, "agents 3"], ...]  # m/s^2, centers of mass, world
     xi_dot: tuple[Float[Array, "agents xi"], ...]  # rad/s^2 (prismatic joints: m/s^2), (omega_dot, r_ddot)
     a_L: Float[Array, "6"]  # m/s^2 and rad/s^2, (v_dot in the world, omega_dot in the payload frame)
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces behind the low-pass filter of the sensors, world
@@ -432,7 +432,7 @@ def _sense_agent(
 
 
 def _center_acceleration(agent: AerialManipulator, q: AgentState) -> Float[Array, "3"]:
-    """Compute the acceleration `w x (w x s) + 2 w x s' + s''` of the centre of mass from the base at `xi_dot = 0`."""
+    """Compute the acceleration `w x (w x s) + 2 w x s' + s''` of the center of mass from the base at `xi_dot = 0`."""
 
     def s(r: Float[Array, "n_r"]) -> Float[Array, "3"]:
         return aerial_manipulator.center_of_mass(agent, r)

@@ -131,7 +131,7 @@ class World(Protocol):
 
 @pytree
 class PayloadMassStep:
-    """Change of the payload mass during the run, at the centre of mass."""
+    """Change of the payload mass during the run, at the center of mass."""
 
     mass: Scalar  # kg, added mass; negative if mass is removed
     start: Scalar  # s

@@ -18,11 +18,11 @@ from colift.visualization import style
 from colift.visualization.style import Color, Dashes
 
 SMOOTHING_WINDOW = 0.2  # s, window of moving averages of noisy signals; labels and legends state it
-STEP = 0.01  # s, time between drawn points
+SAMPLE_PERIOD = 0.01  # s, time between drawn points
 COLUMNS = 4  # cases side by side in the width of a page
 TITLE_WIDTH = 30  # characters in a line of a column title
-GREY = "#444444"  # colour of legend entries that apply to all cases
-ACTIVE = "0.92"  # grey level of the span in which internal forces act
+GREY = "#444444"  # color of legend entries that apply to all cases
+ACTIVE_SHADE = "0.92"  # grey level of the span in which internal forces act
 
 Cases = Mapping[str, xr.Dataset]  # log of each case
 
@@ -104,7 +104,7 @@ def shade_span(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
         active: True where internal forces act.
     """
     if active.any():
-        ax.axvspan(t[active][0], t[active][-1], color=ACTIVE, linewidth=0, zorder=0)
+        ax.axvspan(t[active][0], t[active][-1], color=ACTIVE_SHADE, linewidth=0, zorder=0)
 
 
 def shade_all(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
@@ -115,7 +115,9 @@ def shade_all(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
         t: Times [s].
         active: True where a condition holds.
     """
-    ax.fill_between(t, 0, 1, where=active, transform=ax.get_xaxis_transform(), color=ACTIVE, linewidth=0, zorder=0)
+    ax.fill_between(
+        t, 0, 1, where=active, transform=ax.get_xaxis_transform(), color=ACTIVE_SHADE, linewidth=0, zorder=0
+    )
 
 
 # Labels and line styles -----------------------------------------------------------------------------------------------
@@ -152,7 +154,7 @@ def title(name: str, ds: xr.Dataset, descriptions: Mapping[str, str]) -> str:
 
 
 def body_style(name: str, k: int, n: int) -> tuple[Color, Dashes]:
-    """Return colour and dash pattern of a body.
+    """Return color and dash pattern of a body.
 
     Args:
         name: Case id.
@@ -160,7 +162,7 @@ def body_style(name: str, k: int, n: int) -> tuple[Color, Dashes]:
         n: Number of bodies.
 
     Returns:
-        Colour and dash pattern.
+        Color and dash pattern.
     """
     return style.tint(style.style_of(name).color, k, n), style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)]
 
@@ -194,18 +196,18 @@ def sample_period(t: xr.DataArray) -> float:
     return float(t[1] - t[0]) if len(t) > 1 else 0.0
 
 
-def samples(ds: xr.Dataset, seconds: float) -> int:
+def samples(ds: xr.Dataset, period: float) -> int:
     """Return the number of ticks in a span of time, at least 1.
 
     Args:
         ds: Log.
-        seconds: Length of the span [s].
+        period: Length of the span [s].
 
     Returns:
         The number of ticks.
     """
     tick = sample_period(ds.time)
-    return max(1, round(seconds / tick)) if tick else 1
+    return max(1, round(period / tick)) if tick else 1
 
 
 def norm(x: xr.DataArray) -> np.ndarray:
@@ -227,7 +229,7 @@ def rms(ds: xr.Dataset, x: np.ndarray) -> np.ndarray:
 
 
 def decimate(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
-    """Return a signal at the drawn points, which are `STEP` apart.
+    """Return a signal at the drawn points, which are `SAMPLE_PERIOD` apart.
 
     Args:
         ds: Log, for the control period.
@@ -236,4 +238,4 @@ def decimate(ds: xr.Dataset, x: xr.DataArray | np.ndarray) -> np.ndarray:
     Returns:
         Every n-th value.
     """
-    return np.asarray(x)[:: samples(ds, STEP)]
+    return np.asarray(x)[:: samples(ds, SAMPLE_PERIOD)]

@@ -39,7 +39,7 @@ def plot_certificate(
         Paths of the PDF and the PNG file.
     """
     with style.style_context():
-        figure = Figure(figsize=(style.PAGE, 2.9))
+        figure = Figure(figsize=(style.PAGE_WIDTH, 2.9))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
         best = certificate.ultimate_bounds.get("recovery", certificate.ultimate_bounds["energy"])
         name = "recovery" if "recovery" in certificate.ultimate_bounds else "energy"
@@ -117,7 +117,7 @@ def plot_bound_vs_data(
     """
     colors, markers = ("#DDAA33", "#BB5566", "#004488"), ("s", "o", "^")
     with style.style_context():
-        figure = Figure(figsize=(style.PAGE, 2.6))
+        figure = Figure(figsize=(style.PAGE_WIDTH, 2.6))
         left, right = figure.subplots(1, 2)
         for (name, bound), color, marker in zip(bounds.items(), colors, markers, strict=False):
             left.plot(n, 1e3 * np.asarray(bound), color=color, marker=marker, markersize=3.5, label=name)

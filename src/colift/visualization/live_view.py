@@ -33,7 +33,7 @@ from colift.scenario import Scenario, team, trajectories
 from colift.visualization import playback, scene
 
 HOST = "127.0.0.1"
-POLICY = f"{playback.POLICY}; connect-src 'self'"
+CONTENT_SECURITY_POLICY = f"{playback.CONTENT_SECURITY_POLICY}; connect-src 'self'"
 EVENTS = "events"  # path of the event stream, relative to the page
 MAX_CONNECTIONS = 16
 """Number of connections that are served at the same time; further ones are closed."""
@@ -43,7 +43,7 @@ REQUEST_TIMEOUT = 5.0
 
 @contextlib.contextmanager
 def serve_live_flight(
-    settings: Scenario, experiment: Experiment, case: str, description: str, ready: Callable[[str], None]
+    settings: Scenario, experiment: Experiment, case: str, description: str, on_ready: Callable[[str], None]
 ) -> Generator[FlightResult]:
     """Run an experiment and serve its live playback page until the `with` block ends.
 
@@ -54,7 +54,7 @@ def serve_live_flight(
         experiment: Experiment of one case of the scenario.
         case: Case id.
         description: Description of the case.
-        ready: Function that is called with the address of the page after the first half second of the simulation.
+        on_ready: Function that is called with the address of the page after the first half second of the simulation.
 
     Yields:
         The result of the simulation.
@@ -67,7 +67,7 @@ def serve_live_flight(
         ds = encoder.dataset(jax.tree.map(lambda *parts: np.concatenate(parts), *chunks), _no_uncertainty(experiment))
         stream.publish(encoder.event(ds))
         if len(chunks) == 1:
-            ready(resources.enter_context(_serve(encoder.page(ds, description).encode(), stream)))
+            on_ready(resources.enter_context(_serve(encoder.page(ds, description).encode(), stream)))
 
     with contextlib.ExitStack() as resources:
         flight = run_experiment(experiment, on_chunk=publish_chunk)
@@ -143,7 +143,7 @@ class _FrameEncoder:
             frames[0] = x[0]
             case_data["tracks"][name] = playback.encode_array(reference.get(name, frames))
         case_data |= {"t": scene.to_json_times(t), "known": 1}
-        return playback.page_html(data | {"live": EVENTS}, POLICY)
+        return playback.page_html(data | {"live": EVENTS}, CONTENT_SECURITY_POLICY)
 
 
 def _no_uncertainty(experiment: Experiment) -> prediction_uncertainty.PredictionUncertainty:

@@ -23,13 +23,13 @@ from colift.runtime import atomic_write, run_directory
 from colift.scenario import team as team_module
 from colift.visualization import scene
 
-PAGE = "view.html"
+PAGE_FILE = "view.html"
 ARROWS = {
     "thrust": "thrust",
     "contact": "contact force on the payload",
     "disturbance": "disturbance force on the payload",
 }
-POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
+CONTENT_SECURITY_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:"
 
 
 def write(out: Path, cases: Mapping[str, str]) -> Path:
@@ -47,9 +47,9 @@ def write(out: Path, cases: Mapping[str, str]) -> Path:
     """
     run, flights = log.load_flights(out, cases)
     text = build_page(flights, cases)
-    with run_directory.stage_run_directory(out, run, (PAGE,)) as folder:
-        atomic_write.write_atomic(folder.path / PAGE, text.encode())
-    return out / PAGE
+    with run_directory.stage_run_directory(out, run, (PAGE_FILE,)) as folder:
+        atomic_write.write_atomic(folder.path / PAGE_FILE, text.encode())
+    return out / PAGE_FILE
 
 
 def build_page(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> str:
@@ -110,7 +110,7 @@ def page_data(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> di
     }
 
 
-def page_html(data: Mapping[str, Any], policy: str = POLICY) -> str:
+def page_html(data: Mapping[str, Any], policy: str = CONTENT_SECURITY_POLICY) -> str:
     """Return the HTML text of a playback page.
 
     Args:

@@ -33,20 +33,20 @@ from colift.visualization import scene, style
 CAMERA_DIRECTION = np.array([0.75, -1.5, 0.62]) / np.linalg.norm(
     [0.75, -1.5, 0.62]
 )  # towards the camera, as in the playback page
-RIGHT = np.cross([0.0, 0.0, 1.0], CAMERA_DIRECTION) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], CAMERA_DIRECTION))
-UP = np.cross(CAMERA_DIRECTION, RIGHT)
+CAMERA_RIGHT = np.cross([0.0, 0.0, 1.0], CAMERA_DIRECTION) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], CAMERA_DIRECTION))
+CAMERA_UP = np.cross(CAMERA_DIRECTION, CAMERA_RIGHT)
 LIGHT_DIRECTION = np.array([0.3, -0.4, 0.86])
 FOLLOW_DISTANCE = 12.0  # team sizes; on longer paths the view follows the payload
 FOLLOW_MARGIN = 1.15  # team sizes, from the payload to the edge of a view that follows it
-GRID = 1.0  # m, line spacing of the ground grid
+GRID_SPACING = 1.0  # m, line spacing of the ground grid
 COLORS = {"thrust": "#228833", "contact": "#111111", "disturbance": "#0099CC"}  # of force arrows
 REFERENCE, FRAME, ARM = "#33393F", "#3D444C", "#8A939D"
 IMAGE_SUFFIXES, VIDEO_SUFFIXES = (".png", ".pdf", ".svg"), (".gif", ".mp4")
 PANEL_INCHES = 3.6  # in, edge of the panel of one case
 VIDEO_DPI = 110
 FRAME_RATE = {".gif": 20, ".mp4": 30}  # 1/s; the frame duration of a GIF is a multiple of 0.01 s
-PALETTE = 48  # number of colours of a GIF
-PATCHES = 6  # patches along an edge of a box; the depth order is determined per patch
+PALETTE = 48  # number of colors of a GIF
+PATCHES_PER_EDGE = 6  # patches along an edge of a box; the depth order is determined per patch
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,7 +104,7 @@ def render_data(ds: xr.Dataset, title: str = "") -> RenderData:
 
 
 def arrow_scale_label(data: RenderData) -> str:
-    """Return a text that states the force per metre of arrow length for each kind of arrow."""
+    """Return a text that states the force per meter of arrow length for each kind of arrow."""
     return "arrow scale: " + ", ".join(f"{kind} {x:g} N/m" for kind, x in data.N_per_m.items())
 
 
@@ -306,12 +306,12 @@ def draw(
     ax.axis("off")
 
 
-Face = tuple[float, np.ndarray, tuple[float, ...]]  # depth towards the camera, projected corners (n, 2), colour
+Face = tuple[float, np.ndarray, tuple[float, ...]]  # depth towards the camera, projected corners (n, 2), color
 
 
 def _project(points: np.ndarray) -> np.ndarray:
     """Project points of the world onto the image plane: right and up [m]."""
-    return np.stack([points @ RIGHT, points @ UP], axis=-1)
+    return np.stack([points @ CAMERA_RIGHT, points @ CAMERA_UP], axis=-1)
 
 
 def _path_is_long(data: Sequence[RenderData]) -> bool:
@@ -362,18 +362,18 @@ def _corners(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 def _ground_lines(corners: np.ndarray, height: float) -> Iterator[np.ndarray]:
     """Return the projected lines of a ground grid that extends beyond the view."""
-    low, high = np.floor(corners.min(axis=0) / GRID) - 3, np.ceil(corners.max(axis=0) / GRID) + 3
+    low, high = np.floor(corners.min(axis=0) / GRID_SPACING) - 3, np.ceil(corners.max(axis=0) / GRID_SPACING) + 3
     for axis in (0, 1):
         for offset in np.arange(low[axis], high[axis] + 1):
-            ends = np.array([[*low[:2], height / GRID], [*high[:2], height / GRID]])
+            ends = np.array([[*low[:2], height / GRID_SPACING], [*high[:2], height / GRID_SPACING]])
             ends[:, axis] = offset
-            yield _project(GRID * ends)
+            yield _project(GRID_SPACING * ends)
 
 
 def _team_faces(data: RenderData, k: int) -> Iterator[Face]:
     """Return all faces of bodies and arrows at one row."""
     shape, tracks = data.shape, {name: x[k] for name, x in data.signals.items()}
-    thick = 0.014 * shape["size_m"]
+    line_width = 0.014 * shape["size_m"]
     R = _rotation(tracks["q"])
     case_color = style.style_of(data.case).color
     axes = R @ _rotation(np.array(shape["payload"]["axes_wxyz"]))
@@ -381,28 +381,28 @@ def _team_faces(data: RenderData, k: int) -> Iterator[Face]:
     for contact in shape["contacts"]:
         tip, on_box = (tracks["p"] + R @ np.array(contact[name]) for name in ("at_m", "on_box_m"))
         if np.linalg.norm(tip - on_box) > scene.MIN_LINK_LENGTH:
-            yield _rod(on_box, tip, thick, case_color)
+            yield _rod(on_box, tip, line_width, case_color)
     for j, agent in enumerate(shape["agents"]):
-        yield from _vehicle_faces(agent, tracks["base"][j], _rotation(tracks["base_q"][j]), thick, j)
+        yield from _vehicle_faces(agent, tracks["base"][j], _rotation(tracks["base_q"][j]), line_width, j)
     nodes = tracks["nodes"]
     for start, end in shape["links"]:
-        yield _rod(nodes[start], nodes[end], thick, ARM)
+        yield _rod(nodes[start], nodes[end], line_width, ARM)
     for kind, node in zip(shape["nodes"], nodes, strict=True):
         if kind != "base":
-            yield _ball(node, 1.5 * thick, case_color if kind == "tip" else ARM)
+            yield _ball(node, 1.5 * line_width, case_color if kind == "tip" else ARM)
     for kind, start, force in _forces(data, tracks):
-        yield from _arrow(start, force / data.N_per_m[kind], 0.8 * thick, COLORS[kind], kind == "disturbance")
+        yield from _arrow(start, force / data.N_per_m[kind], 0.8 * line_width, COLORS[kind], kind == "disturbance")
 
 
 def _vehicle_faces(
-    agent: Mapping[str, Any], position: np.ndarray, R: np.ndarray, thick: float, j: int
+    agent: Mapping[str, Any], position: np.ndarray, R: np.ndarray, line_width: float, j: int
 ) -> Iterator[Face]:
-    """Return the faces of a base: a hub in the colour of the agent, and schematic rotors on booms."""
+    """Return the faces of a base: a hub in the color of the agent, and schematic rotors on booms."""
     hub = np.array([0.25, 0.25, 0.15]) * agent["span_m"]
     yield from _box(position, R, hub, style.AGENT_COLORS[j % len(style.AGENT_COLORS)])
     for rotor in agent["rotors_m"]:
         middle = position + R @ np.array(rotor)
-        yield _rod(position, middle, 0.7 * thick, FRAME)
+        yield _rod(position, middle, 0.7 * line_width, FRAME)
         yield _disc(middle, R, agent["rotor_radius_m"])
 
 
@@ -420,11 +420,16 @@ def _box(center: np.ndarray, R: np.ndarray, half: np.ndarray, color: str) -> Ite
     for axis in range(3):
         sign = 1.0 if R[:, axis] @ CAMERA_DIRECTION > 0 else -1.0
         normal = sign * R[:, axis]
-        first, second = (half[(axis + n) % 3] * R[:, (axis + n) % 3] / PATCHES for n in (1, 2))
+        first, second = (half[(axis + n) % 3] * R[:, (axis + n) % 3] / PATCHES_PER_EDGE for n in (1, 2))
         light = 0.72 + 0.28 * max(0.0, float(normal @ LIGHT_DIRECTION))
         paint = tuple(light * c for c in to_rgb(color))
-        for a, b in np.ndindex(PATCHES, PATCHES):
-            middle = center + half[axis] * normal + (2 * a + 1 - PATCHES) * first + (2 * b + 1 - PATCHES) * second
+        for a, b in np.ndindex(PATCHES_PER_EDGE, PATCHES_PER_EDGE):
+            middle = (
+                center
+                + half[axis] * normal
+                + (2 * a + 1 - PATCHES_PER_EDGE) * first
+                + (2 * b + 1 - PATCHES_PER_EDGE) * second
+            )
             corners = np.array(
                 [middle + first + second, middle + first - second, middle - first - second, middle - first + second]
             )
@@ -443,18 +448,18 @@ def _rod(start: np.ndarray, end: np.ndarray, radius: float, color: str) -> Face:
     )
 
 
-CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 24)), np.sin(np.linspace(0, 2 * np.pi, 24))], axis=-1)
+UNIT_CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 24)), np.sin(np.linspace(0, 2 * np.pi, 24))], axis=-1)
 
 
 def _disc(center: np.ndarray, R: np.ndarray, radius: float) -> Face:
     """Return the disc of a rotor."""
-    rim = center + radius * CIRCLE @ R[:, :2].T
+    rim = center + radius * UNIT_CIRCLE @ R[:, :2].T
     return float(center @ CAMERA_DIRECTION), _project(rim), (*to_rgb(FRAME), 0.25)
 
 
 def _ball(center: np.ndarray, radius: float, color: str) -> Face:
     """Return a ball as a circle in the image plane."""
-    return float(center @ CAMERA_DIRECTION) + radius, _project(center) + radius * CIRCLE, to_rgb(color)
+    return float(center @ CAMERA_DIRECTION) + radius, _project(center) + radius * UNIT_CIRCLE, to_rgb(color)
 
 
 def _arrow(start: np.ndarray, along: np.ndarray, radius: float, color: str, on_top: bool) -> Iterator[Face]:
@@ -463,10 +468,10 @@ def _arrow(start: np.ndarray, along: np.ndarray, radius: float, color: str, on_t
     if length < scene.MIN_LINK_LENGTH:
         return
     head = min(7 * radius, length)
-    neck, tip = start + (1 - head / length) * along, start + along
-    a, b = _project(neck), _project(tip)
+    head_start, tip = start + (1 - head / length) * along, start + along
+    a, b = _project(head_start), _project(tip)
     side = 0.4 * head * np.array([a[1] - b[1], b[0] - a[0]]) / max(float(np.hypot(*(b - a))), 1e-9)
-    depth, shaft, paint = _rod(start, neck, radius, color)
+    depth, shaft, paint = _rod(start, head_start, radius, color)
     near = np.inf if on_top else depth + 2 * radius
     yield near, shaft, paint
     yield near, np.array([a + side, b, a - side]), paint

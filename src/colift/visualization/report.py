@@ -23,9 +23,9 @@ from colift.runtime import atomic_write, run_directory
 from colift.scenario import Scenario
 from colift.visualization import playback
 
-PAGE = "report.html"
+PAGE_FILE = "report.html"
 SUMMARY, CERTIFICATE = "summary.json", "certificate.json"
-POLICY = f"{playback.POLICY}; frame-src 'self'"
+CONTENT_SECURITY_POLICY = f"{playback.CONTENT_SECURITY_POLICY}; frame-src 'self'"
 CAPTIONS = {
     "figure_0_team": "Team at its initial state, and the whole path",
     "figure_1_tracking": "Figure 1. Position error and attitude error function",
@@ -110,9 +110,9 @@ def write_report(
     page = html.escape(playback.build_page(flights, cases))
     parts.append(_section("Playback", f'<iframe title="playback of the flights" srcdoc="{page}"></iframe>'))
     parts.append(_section("Settings", _settings(settings)))
-    with run_directory.stage_run_directory(out, run, (PAGE,)) as folder:
-        atomic_write.write_atomic(folder.path / PAGE, _document(settings.name, "\n".join(parts)).encode())
-    return out / PAGE
+    with run_directory.stage_run_directory(out, run, (PAGE_FILE,)) as folder:
+        atomic_write.write_atomic(folder.path / PAGE_FILE, _document(settings.name, "\n".join(parts)).encode())
+    return out / PAGE_FILE
 
 
 @contextlib.contextmanager
@@ -301,7 +301,7 @@ def _document(title: str, content: str) -> str:
     """Return the HTML document."""
     return (
         '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_SECURITY_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
         f"<title>{html.escape(title)}: report</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
         f"{content}\n</body>\n</html>\n"

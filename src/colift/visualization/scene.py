@@ -299,7 +299,7 @@ def _agents(team: Team) -> Iterator[AerialManipulator]:
 
 
 def ground_height(tracks_by_case: Mapping[str, dict[str, np.ndarray]]) -> float:
-    """Return the height of the ground, world frame [m]: 0, or the next whole metre below the lowest point.
+    """Return the height of the ground, world frame [m]: 0, or the next whole meter below the lowest point.
 
     Args:
         tracks_by_case: Signals of `frames` for each case.
@@ -311,14 +311,14 @@ def ground_height(tracks_by_case: Mapping[str, dict[str, np.ndarray]]) -> float:
     return float(min(0, math.floor(lowest)))
 
 
-def arrow_scales(tracks_by_case: Mapping[str, dict[str, np.ndarray]], size: float) -> dict[str, float]:
+def arrow_scales(tracks_by_case: Mapping[str, dict[str, np.ndarray]], length: float) -> dict[str, float]:
     """Return the force per arrow length of each kind of arrow [N/m].
 
     The value is 1, 2 or 5 times a power of ten; 99 % of the arrows are at most `MAX_ARROW_LENGTH` team sizes long.
 
     Args:
         tracks_by_case: Signals of `frames` for each case.
-        size: Size of the team [m].
+        length: Size of the team [m].
 
     Returns:
         Scales by the kinds `thrust`, `contact` and `disturbance`.
@@ -329,7 +329,7 @@ def arrow_scales(tracks_by_case: Mapping[str, dict[str, np.ndarray]], size: floa
             np.abs(x[track]) if kind == "thrust" else np.linalg.norm(x[track], axis=-1) for x in tracks_by_case.values()
         ]
         norms = np.concatenate([force.ravel() for force in forces])
-        required = float(np.quantile(norms[np.isfinite(norms)], 0.99)) / (MAX_ARROW_LENGTH * size)
+        required = float(np.quantile(norms[np.isfinite(norms)], 0.99)) / (MAX_ARROW_LENGTH * length)
         power = 10.0 ** math.floor(math.log10(max(required, 1e-3)))
         scales[kind] = next(power * digit for digit in (1, 2, 5, 10) if power * digit >= max(required, 1e-3))
     return scales

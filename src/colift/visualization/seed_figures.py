@@ -42,7 +42,7 @@ def plot_seed_spread(
 def _plot_spread(summaries: Sequence[Mapping[str, Mapping[str, float]]], descriptions: Mapping[str, str]) -> Figure:
     """Plot one panel per metric with one row per case."""
     cases = list(summaries[0])
-    figure = Figure(figsize=(style.PAGE, 0.6 + 0.2 * len(cases)))
+    figure = Figure(figsize=(style.PAGE_WIDTH, 0.6 + 0.2 * len(cases)))
     axes = figure.subplots(1, len(METRICS), sharey=True)
     for ax, (metric, (label, scale)) in zip(axes, METRICS.items(), strict=True):
         for row, case in enumerate(cases):

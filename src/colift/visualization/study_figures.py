@@ -21,10 +21,10 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from colift.closed_loop import log
 from colift.visualization import axes as axes_module
 from colift.visualization import rendering, uncertainty_figures
-from colift.visualization.style import DASH_PATTERNS, DOTS, PAGE, save_figure, style_context, style_of, tint
+from colift.visualization.style import DASH_PATTERNS, DOTS, PAGE_WIDTH, save_figure, style_context, style_of, tint
 
 MARKERS = 9  # per line, so that lines differ in black and white
-BAND = 0.3  # opacity of the range of a noisy signal
+RANGE_OPACITY = 0.3  # opacity of the range of a noisy signal
 TRUE_ERROR_STYLE: dict[str, Any] = {"color": "0.72", "linewidth": 2.8, "solid_capstyle": "butt"}
 CHANGE_POINT_STYLE: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
 REFIT_STYLE: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
@@ -32,7 +32,7 @@ EVENTS = {
     "change_points": (CHANGE_POINT_STYLE, "change point"),
     "refits": (REFIT_STYLE, "refit"),
 }
-STOPPED: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
+TERMINATION_MARKER: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 
 
 def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], folder: str | Path) -> list[Path]:
@@ -88,7 +88,7 @@ def plot_team(cases: axes_module.Cases) -> Figure:
     Returns:
         The figure.
     """
-    figure = Figure(figsize=(PAGE, 3.3))
+    figure = Figure(figsize=(PAGE_WIDTH, 3.3))
     near, far = figure.subplots(1, 2)
     ds = next(iter(cases.values()))
     data = rendering.render_data(ds)
@@ -96,7 +96,7 @@ def plot_team(cases: axes_module.Cases) -> Figure:
     near.set_title("team at its initial state")
     rendering.draw(far, data, 0, whole_path=True)
     far.set_title("whole path")
-    figure.supxlabel(f"grid {rendering.GRID:g} m; {rendering.arrow_scale_label(data)}", fontsize=8)
+    figure.supxlabel(f"grid {rendering.GRID_SPACING:g} m; {rendering.arrow_scale_label(data)}", fontsize=8)
     return figure
 
 
@@ -144,7 +144,7 @@ def _plot_comparison(
     cases: axes_module.Cases, descriptions: Mapping[str, str], lines: Lines, labels: Sequence[str]
 ) -> Figure:
     """Plot all cases in panels below each other, with the legend beside them."""
-    figure = Figure(figsize=(PAGE, 3.6))
+    figure = Figure(figsize=(PAGE_WIDTH, 3.6))
     axes = list(figure.subplots(len(labels), 1, sharex=True))
     for k, (name, ds) in enumerate(cases.items()):
         t, signals = lines[name]
@@ -158,7 +158,7 @@ def _plot_comparison(
     handles, names = axes[0].get_legend_handles_labels()
     names = [axes_module.case_label(name, descriptions) for name in names]
     if not all(ds.attrs["complete"] for ds in cases.values()):
-        handles.append(Line2D([], [], **STOPPED, color="black"))
+        handles.append(Line2D([], [], **TERMINATION_MARKER, color="black"))
         names.append("stopped early")
     figure.legend(handles, names, loc="outside right upper")
     figure.align_ylabels(axes)
@@ -167,7 +167,7 @@ def _plot_comparison(
 
 def _plot_line(ax: Axes, name: str, ds: xr.Dataset, t: np.ndarray, y: np.ndarray, shift: float) -> None:
     """Plot a signal of a case; `shift` in [0, 1) displaces the markers, so that markers of two cases do not overlap."""
-    line, every = style_of(name), axes_module.samples(ds, axes_module.STEP)
+    line, every = style_of(name), axes_module.samples(ds, axes_module.SAMPLE_PERIOD)
     t, y = t[::every], y[::every]
     spacing = max(1, len(t) // MARKERS)
     ax.plot(
@@ -180,7 +180,7 @@ def _plot_line(ax: Axes, name: str, ds: xr.Dataset, t: np.ndarray, y: np.ndarray
     )
     finite = np.flatnonzero(np.isfinite(y))
     if not ds.attrs["complete"] and finite.size:
-        ax.plot(t[finite[-1]], y[finite[-1]], **STOPPED, color=line.color)
+        ax.plot(t[finite[-1]], y[finite[-1]], **TERMINATION_MARKER, color=line.color)
 
 
 # Contact forces -------------------------------------------------------------------------------------------------------
@@ -200,7 +200,7 @@ def plot_contact_forces(cases: axes_module.Cases, descriptions: Mapping[str, str
     agents = [name for name in first.agent.values.tolist() if _contacts_of(first, name)]
     internal = any((axes_module.norm(ds.eta) > 0).any() for ds in cases.values())
     rows = [2] * len(agents) + [1] * internal
-    figure = Figure(figsize=(PAGE * max(1, len(cases) / axes_module.COLUMNS), 0.8 + 0.55 * sum(rows)))
+    figure = Figure(figsize=(PAGE_WIDTH * max(1, len(cases) / axes_module.COLUMNS), 0.8 + 0.55 * sum(rows)))
     grid = figure.subplots(len(rows), len(cases), sharex=True, sharey="row", squeeze=False, height_ratios=rows)
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         for ax, agent in zip(column, agents, strict=False):
@@ -236,7 +236,7 @@ def _plot_contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str])
         color, dashes = axes_module.body_style(name, k, len(contacts))
         estimate, truth = (axes_module.norm(x.sel(contact=contact)) for x in (ds.lam_hat, ds.lam))
         low, high = (limit(estimate, n)[:: max(1, n // 2)] for limit in (minimum_filter1d, maximum_filter1d))
-        ax.fill_between(ds.time[:: max(1, n // 2)], low, high, color=color, alpha=BAND, linewidth=0)
+        ax.fill_between(ds.time[:: max(1, n // 2)], low, high, color=color, alpha=RANGE_OPACITY, linewidth=0)
         ax.plot(t, axes_module.decimate(ds, truth), **TRUE_ERROR_STYLE, zorder=1.5)
         ax.plot(
             t, axes_module.decimate(ds, uniform_filter1d(estimate, n)), color=color, linestyle=dashes, linewidth=1.0
@@ -252,10 +252,10 @@ def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
     styles = [(tint(axes_module.GREY, k, len(arms)), DASH_PATTERNS[k % len(DASH_PATTERNS)]) for k in arms]
     handles: list[Artist] = [Line2D([], [], color=color, linestyle=dashes) for color, dashes in styles]
     labels = [f"{' or '.join(names)}, {axes_module.SMOOTHING_WINDOW:g} s mean" for names in arms.values()]
-    handles += [Patch(color=axes_module.GREY, alpha=BAND, linewidth=0), Line2D([], [], **TRUE_ERROR_STYLE)]
+    handles += [Patch(color=axes_module.GREY, alpha=RANGE_OPACITY, linewidth=0), Line2D([], [], **TRUE_ERROR_STYLE)]
     labels += [f"range in {axes_module.SMOOTHING_WINDOW:g} s", "true value"]
     if internal:
-        handles.append(Patch(color=axes_module.ACTIVE, linewidth=0))
+        handles.append(Patch(color=axes_module.ACTIVE_SHADE, linewidth=0))
         labels.append(r"$\eta$ active")
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
 
@@ -276,7 +276,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     Returns:
         The figure, with cases as columns.
     """
-    figure = Figure(figsize=(PAGE * max(1, len(cases) / axes_module.COLUMNS), 6.0))
+    figure = Figure(figsize=(PAGE_WIDTH * max(1, len(cases) / axes_module.COLUMNS), 6.0))
     grid = figure.subplots(5, len(cases), sharex=True, sharey="row", squeeze=False)
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         t, agents = axes_module.decimate(ds, ds.time), ds.agent.values.tolist()
@@ -324,7 +324,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
         handles.append((Line2D([], [], color=axes_module.GREY), "samples, payload"))
         handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "samples, one agent"))
     if any((ds.correction_weight.values < 0.5).any() for ds in cases.values()):
-        handles.append((Patch(color=axes_module.ACTIVE, linewidth=0), "correction weight below 0.5"))
+        handles.append((Patch(color=axes_module.ACTIVE_SHADE, linewidth=0), "correction weight below 0.5"))
     for event, (style, label) in EVENTS.items():
         if any(ds.attrs.get(event) for ds in cases.values()):
             handles.append((Line2D([], [], **style), label))

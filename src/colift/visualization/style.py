@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from colift.runtime import atomic_write
 
-COLUMN, PAGE = 3.5, 7.16  # in, width of one and of two columns of the journal
+COLUMN_WIDTH, PAGE_WIDTH = 3.5, 7.16  # in, width of one and of two columns of the journal
 
 STYLE = {
     "font.family": "STIXGeneral",
@@ -59,10 +59,10 @@ Color = tuple[float, float, float]
 class LineStyle(NamedTuple):
     """Line style of a case in all figures.
 
-    Any two styles differ for all kinds of colour vision and in black and white.
+    Any two styles differ for all kinds of color vision and in black and white.
 
     Attributes:
-        color: Colour as a hexadecimal string.
+        color: Color as a hexadecimal string.
         dashes: Dash pattern, in the form that matplotlib's `linestyle` accepts.
         marker: Matplotlib marker.
         is_baseline: True for a baseline. Baselines appear in comparisons, not in figures with one column per case.
@@ -74,25 +74,25 @@ class LineStyle(NamedTuple):
     is_baseline: bool = False
 
 
-LONG: Dashes = (0, (5, 1.5))
-SHORT: Dashes = (0, (2.5, 1))
+LONG_DASHES: Dashes = (0, (5, 1.5))
+SHORT_DASHES: Dashes = (0, (2.5, 1))
 DOTS: Dashes = (0, (1, 1.2))
-MIXED: Dashes = (0, (5, 1.2, 1, 1.2))
+DASH_DOT: Dashes = (0, (5, 1.2, 1, 1.2))
 
-# Colour schemes of Paul Tol: high contrast for the cases of the paper, which also differ in lightness; bright and muted
+# Color schemes of Paul Tol: high contrast for the cases of the paper, which also differ in lightness; bright and muted
 # for the others.
 LINE_STYLES = {
     "C1": LineStyle("#DDAA33", "-", "s"),
-    "C2": LineStyle("#BB5566", LONG, "o"),
+    "C2": LineStyle("#BB5566", LONG_DASHES, "o"),
     "C3": LineStyle("#004488", "-", "^"),
-    "adaptive": LineStyle("#000000", MIXED, "D"),
-    "integral": LineStyle("#117733", SHORT, "v", is_baseline=True),
-    "disturbance_observer": LineStyle("#33BBEE", LONG, "<", is_baseline=True),
-    "parametric": LineStyle("#AA4499", MIXED, ">", is_baseline=True),
+    "adaptive": LineStyle("#000000", DASH_DOT, "D"),
+    "integral": LineStyle("#117733", SHORT_DASHES, "v", is_baseline=True),
+    "disturbance_observer": LineStyle("#33BBEE", LONG_DASHES, "<", is_baseline=True),
+    "parametric": LineStyle("#AA4499", DASH_DOT, ">", is_baseline=True),
     "true_residual": LineStyle("#777777", DOTS, "p", is_baseline=True),
     "label_feedback": LineStyle("#EE7733", DOTS, "P", is_baseline=True),
-    "regression": LineStyle("#44AA99", MIXED, "X", is_baseline=True),
-    "gp_label_feedback": LineStyle("#882255", LONG, "h", is_baseline=True),
+    "regression": LineStyle("#44AA99", DASH_DOT, "X", is_baseline=True),
+    "gp_label_feedback": LineStyle("#882255", LONG_DASHES, "h", is_baseline=True),
 }
 CASE_LABELS = {
     "C1": "C1 no learning",
@@ -109,18 +109,18 @@ CASE_LABELS = {
 }
 """Label of each case in legends and titles."""
 FALLBACK_STYLES = (  # for cases without an entry in LINE_STYLES; a case has the same style in all figures
-    LineStyle("#999933", LONG, "*"),
-    LineStyle("#6699CC", SHORT, "d"),
-    LineStyle("#661100", MIXED, "8"),
+    LineStyle("#999933", LONG_DASHES, "*"),
+    LineStyle("#6699CC", SHORT_DASHES, "d"),
+    LineStyle("#661100", DASH_DOT, "8"),
     LineStyle("#0077BB", DOTS, "H"),
 )
 AGENT_COLORS = ("#228833", "#AA3377", "#997700", "#0099BB", "#774411", "#555555")
 DASH_PATTERNS: tuple[Dashes, ...] = (
     "-",
-    LONG,
+    LONG_DASHES,
     DOTS,
-    MIXED,
-    SHORT,
+    DASH_DOT,
+    SHORT_DASHES,
     (0, (8, 1.5, 1, 1.5, 1, 1.5)),
 )  # for the parts of one body
 
@@ -138,11 +138,11 @@ def style_of(case: str) -> LineStyle:
 
 
 def tint(color: str, k: int, n: int) -> Color:
-    """Return the k-th of n tints of a colour.
+    """Return the k-th of n tints of a color.
 
     Args:
-        color: Colour in any form that matplotlib accepts.
-        k: Index of the tint; 0 is the colour itself, higher indices are closer to white.
+        color: Color in any form that matplotlib accepts.
+        k: Index of the tint; 0 is the color itself, higher indices are closer to white.
         n: Number of tints.
 
     Returns:

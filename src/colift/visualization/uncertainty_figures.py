@@ -67,7 +67,7 @@ def plot_predictive_std(cases: axes.Cases, descriptions: Mapping[str, str]) -> F
         for k, (sigma, error) in enumerate(zip(deviations, errors, strict=True)):
             color, dashes = axes.body_style(name, k, len(deviations))
             ax.plot(ds.time_sigma, sigma, color=color, linestyle=dashes, linewidth=2.0, alpha=0.55)
-            window = max(1, round(axes.SMOOTHING_WINDOW / max(axes.sample_period(ds.time_sigma), axes.STEP)))
+            window = max(1, round(axes.SMOOTHING_WINDOW / max(axes.sample_period(ds.time_sigma), axes.SAMPLE_PERIOD)))
             ax.plot(
                 ds.time_sigma,
                 np.sqrt(uniform_filter1d(error**2, window)),
@@ -144,7 +144,7 @@ def _plot_by_body(
     extra_handles: Callable[[], list[tuple[Artist, str]]] = list,
 ) -> Figure:
     """Plot a figure with a row per item of `ROWS`, a column per case and a legend; `extra_handles` is called last."""
-    figure = Figure(figsize=(style.PAGE * max(1, len(cases) / axes.COLUMNS), 5.4))
+    figure = Figure(figsize=(style.PAGE_WIDTH * max(1, len(cases) / axes.COLUMNS), 5.4))
     grid = figure.subplots(len(ROWS), len(cases), sharex=True, sharey="row", squeeze=False)
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         for ax, row in zip(column, ROWS, strict=True):

@@ -1,4 +1,4 @@
-"""What is known of the paper's study, and of one with weaker rotors, before they are flown."""
+"""Tests of the feasibility report of the paper's study, and of one with weaker rotors."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from colift.scenario import experiment
 from tests.support import paper_flights as paper
 
 
-def test_what_is_known_before_a_flight_is_the_slowest_mode():
-    """What is known before a flight is the slowest mode and how much thrust is left."""
-    plan = {"C1": paper.plan("C1")}
-    ahead = feasibility.assess_feasibility(paper.SETTINGS, plan)
+def test_report_has_slowest_mode_and_thrust_margin():
+    """The report states the slowest mode and the remaining thrust."""
+    c1 = {"C1": paper.paper_experiment("C1")}
+    ahead = feasibility.assess_feasibility(paper.SETTINGS, c1)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
     assert ahead.summary["slowest_mode"]["eigenvalue_radps"][0] < 0
@@ -22,7 +22,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
     assert margins["says"].startswith("delay margin ")
     assert list(ahead.hover_thrust) == ["front", "rear"]
     narrow = feasibility.assess_feasibility(
-        paper.lighter(30.0), {"C1": experiment.make_experiment(paper.lighter(30.0), "C1")}
+        paper.with_weaker_rotors(30.0), {"C1": experiment.make_experiment(paper.with_weaker_rotors(30.0), "C1")}
     )
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
         "30 N to hover: the margin of 5.5% is below 10%",
@@ -32,10 +32,10 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
 
 
 @pytest.mark.long
-def test_a_loop_that_is_unstable_at_rest_is_a_warning_before():
-    """A loop that is unstable at rest is a warning before the flight."""
+def test_unstable_equilibrium_gives_a_warning():
+    """A loop that is unstable at equilibrium gives a warning before the simulation."""
     ahead = feasibility.assess_feasibility(
-        paper.SETTINGS, {"C1": paper.with_gains(paper.plan("C1"), agent_k_omega=paper.number(1e3))}
+        paper.SETTINGS, {"C1": paper.with_gains(paper.paper_experiment("C1"), agent_k_omega=paper.number(1e3))}
     )
     (warning,) = ahead.warnings
     assert warning.startswith("the loop is unstable at equilibrium: slowest mode +")

@@ -1,4 +1,4 @@
-"""Gains that are chosen: the steps of the search on matrices that are known, and what is written."""
+"""Tests of gain tuning: search on known matrices, cost of simulations, and the written scenario."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FREE, SECOND = 2, np.array([False, True])
 
 @dataclasses.dataclass(frozen=True)
 class Spring:
-    """`s^2 + 2 d w s + w^2`, sampled; steps are those of log w and log d from where w = 2 and d = 0.25."""
+    """`s^2 + 2 d w s + w^2`, sampled; steps are those of log w and log d from w = 2 and d = 0.25."""
 
     steps: np.ndarray
 
@@ -44,10 +44,12 @@ class Spring:
 
 
 def slopes(of: Spring) -> gain_tuning.Slopes:
-    return gain_tuning.decay_rates(of.M, [Spring(of.steps + gain_tuning.STEP * e).M for e in np.eye(FREE)], DT)
+    return gain_tuning.decay_rates(
+        of.M, [Spring(of.steps + gain_tuning.DIFFERENCE_STEP * e).M for e in np.eye(FREE)], DT
+    )
 
 
-def test_the_slopes_are_the_derivatives_of_the_rates():
+def test_rate_gradients_equal_finite_differences():
     rates, found = slopes(Spring(np.zeros(FREE)))
     np.testing.assert_allclose(rates, -0.5, atol=1e-9)  # Re = -d w
     np.testing.assert_allclose(found, [[-0.5, -0.5]] * 2, atol=1e-3)
@@ -58,8 +60,8 @@ def test_the_slopes_are_the_derivatives_of_the_rates():
         np.testing.assert_allclose(found[:, k], (ahead - behind) / 2e-4, rtol=5e-3, atol=1e-2)
 
 
-def test_the_search_finds_what_damps_best_within_its_budget():
-    """The slower pole is fastest, at -w, where both meet: at d = 1 and the largest w."""
+def test_search_finds_fastest_decay_within_budget():
+    """The slower pole is fastest, at -w, for a double pole: d = 1 and the largest w."""
     low, high = np.full(FREE, -2.0), np.array([1.0, 3.0])
     first = Spring(np.zeros(FREE))
     best, where, used = gain_tuning.minimize(
@@ -72,7 +74,7 @@ def test_the_search_finds_what_damps_best_within_its_budget():
     assert used <= gain_tuning.MAX_LINEARIZATIONS
 
 
-def test_where_there_is_no_loop_the_step_is_shorter():
+def test_step_is_shortened_where_linearization_fails():
     low, high = np.full(FREE, -2.0), np.full(FREE, 2.0)
     near = lambda at: Spring(at) if at[1] < 0.4 else None  # noqa: E731
     best, _, used = gain_tuning.minimize(
@@ -82,7 +84,7 @@ def test_where_there_is_no_loop_the_step_is_shorter():
     assert used <= gain_tuning.MAX_LINEARIZATIONS
 
 
-def test_a_loop_that_is_best_already_stays():
+def test_optimal_loop_is_unchanged():
     none = np.zeros(FREE)
     first = Spring(none)
     best, _, _ = gain_tuning.minimize(first, Spring, slopes, none, (none, none), SECOND, gain_tuning.MAX_LINEARIZATIONS)
@@ -90,8 +92,8 @@ def test_a_loop_that_is_best_already_stays():
 
 
 @pytest.mark.long
-def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
-    of = lit()
+def test_cost_includes_delayed_commands(monkeypatch: pytest.MonkeyPatch):
+    of = light_design()
     late = np.eye(6) * np.exp(0.5 * of.experiment.dt)
     assert of.cost < 0
     monkeypatch.setattr(stability, "with_input_delay", lambda _x, _M, _ticks: late)
@@ -99,34 +101,34 @@ def test_late_commands_count(monkeypatch: pytest.MonkeyPatch):
     assert of.delay_ticks == 2
 
 
-def test_the_posture_is_a_gain_only_where_joints_are_beyond_need():
+def test_posture_is_tuned_only_for_redundant_arms():
     assert "posture_bandwidth" not in gain_tuning.tunable_gains(scenario.load_scenario("paper"))
     assert "posture_bandwidth" in gain_tuning.tunable_gains(scenario.load_scenario("beam"))
     assert gain_tuning.tunable_gains(light.settings()) == gain_tuning.GAINS[:-1]
 
 
 def test_gains_are_scaled_and_written_with_three_digits():
-    given = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
-    control = gain_tuning.scale_gains(given, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
+    settings = light.settings(control=light.SAMPLE.control.model_copy(update={"K_p": (5.0, 5.0, 6.0)}))
+    control = gain_tuning.scale_gains(settings, np.log([1.1111, 1, 1, 1, 2, 0.5])).control
     assert control.K_p == (6.17, 6.17, 7.41)
     assert control.K_v == (4.67, 4.67, 4.67)
     assert (control.agent_k_R, control.agent_k_omega) == (1000.0, 28.0)
 
 
-def test_the_text_keeps_comments_where_it_says_the_same():
+def test_written_scenario_keeps_comments():
     written = template.scenario_template("mine", 3, 0)
     tuned = gain_tuning.scale_gains(scenario.parse(written, "mine.yaml"), np.full(6, 0.1))
     text = gain_tuning.to_yaml(tuned, written, "mine.yaml")
     assert "# Written by `colift init`." in text
     assert "K_p: 6.11" in text
     assert scenario.parse(text, "mine.yaml") == tuned
-    other = tuned.model_copy(update={"seed": 7})  # as by --set: the text would say otherwise
+    other = tuned.model_copy(update={"seed": 7})  # as by --set: the text states another value
     assert scenario.parse(gain_tuning.to_yaml(other, written, "mine.yaml"), "mine.yaml") == other
     assert "#" not in gain_tuning.to_yaml(tuned, None, "mine.yaml")
 
 
-def test_contacts_are_off_by_what_positions_and_attitude_say():
-    """Against where contacts are and should be, for small angles, of which `e_R` is one to third order."""
+def test_contact_error_follows_from_position_and_attitude():
+    """Against exact contact errors for small angles, of which `e_R` is one to third order."""
     rng = np.random.default_rng(0)
     contacts, e_p = rng.normal(size=(5, 3)), 0.1 * rng.normal(size=(7, 3))
     R_d = Rotation.random(7, rng)
@@ -140,10 +142,10 @@ def test_contacts_are_off_by_what_positions_and_attitude_say():
 
 
 @pytest.mark.long
-def test_the_error_over_decay_falls_along_its_slopes():
-    of = gain_tuning.simulate_cost(lit())
+def test_flight_cost_decreases_as_its_gradient_predicts():
+    of = gain_tuning.simulate_cost(light_design())
     assert isinstance(of, gain_tuning.FlightCost)
-    assert of.cost == pytest.approx(of.error / -lit().cost)
+    assert of.cost == pytest.approx(of.error / -light_design().cost)
     costs, slopes = gain_tuning._flight_gradients(of)
     assert costs.max() >= of.cost * (1 - 1e-9)
     step = gain_tuning._linear_program_step(costs, slopes, np.full(6, -0.05), np.full(6, 0.05))
@@ -155,11 +157,11 @@ def test_the_error_over_decay_falls_along_its_slopes():
 
 
 @pytest.mark.long
-def test_what_grows_is_not_flown_and_what_is_lost_or_saturated(monkeypatch: pytest.MonkeyPatch):
-    """What grows is not flown and what is lost or saturated has no error."""
-    of = lit()
+def test_unstable_or_failed_designs_have_no_cost(monkeypatch: pytest.MonkeyPatch):
+    """Unstable designs are not simulated; terminated or saturated simulations have no cost."""
+    of = light_design()
     flight = flight_module.run_experiment(of.experiment)
-    for change, said in (
+    for change, outcome in (
         ({"termination_reason": "limit exceeded"}, "lost"),
         (
             {
@@ -171,13 +173,13 @@ def test_what_grows_is_not_flown_and_what_is_lost_or_saturated(monkeypatch: pyte
         ),
     ):
         monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan, c=change: dataclasses.replace(flight, **c))
-        assert gain_tuning.simulate_cost(of) == said
-    known = gain_tuning.FlightCost(of, 0.1)
+        assert gain_tuning.simulate_cost(of) == outcome
+    known_cost = gain_tuning.FlightCost(of, 0.1)
     monkeypatch.setattr(
         gain_tuning, "run_experiment", lambda _plan: dataclasses.replace(flight, termination_reason="near it")
     )
     rates, slopes = gain_tuning._mode_gradients(of)
-    np.testing.assert_allclose(gain_tuning._flight_gradients(known)[1], (0.1 / rates**2)[:, None] * slopes)
+    np.testing.assert_allclose(gain_tuning._flight_gradients(known_cost)[1], (0.1 / rates**2)[:, None] * slopes)
     monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan: pytest.fail("flown"))
     grows = dataclasses.replace(of, step_jacobian=np.eye(len(of.step_jacobian)) * 1.01)
     assert gain_tuning.simulate_cost(grows) == "grows"
@@ -185,20 +187,23 @@ def test_what_grows_is_not_flown_and_what_is_lost_or_saturated(monkeypatch: pyte
 
 
 class Fake(gain_tuning.LoopDesign):
-    """A loop that decays by K_v."""
+    """Loop whose decay rate is K_v."""
 
     @property
     def cost(self) -> float:
         return -float(self.settings.control.K_v[0])
 
 
-def test_tune_flies_from_where_it_costs_less_and_returns(monkeypatch: pytest.MonkeyPatch):
-    """The error falls with K_p. The fastest of the first stage may be lost: then the second starts from the first."""
-    given, known = (
+def test_tune_simulates_from_the_better_start(monkeypatch: pytest.MonkeyPatch):
+    """The error decreases with K_p.
+
+    If the fastest design of stage one fails in simulation, stage two starts from the first.
+    """
+    settings, known_cost = (
         light.settings(),
-        {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)},
+        {field.name: getattr(light_design(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)},
     )
-    fake = lambda to: Fake(**known | {"settings": to})  # noqa: E731
+    fake = lambda to: Fake(**known_cost | {"settings": to})  # noqa: E731
     K = lambda of: (float(of.settings.control.K_p[0]), float(of.settings.control.K_v[0]))  # noqa: E731
 
     def slopes(of: Any) -> gain_tuning.Slopes:
@@ -212,11 +217,11 @@ def test_tune_flies_from_where_it_costs_less_and_returns(monkeypatch: pytest.Mon
     monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: gain_tuning.MAX_GAIN_RATIO)
     monkeypatch.setattr(gain_tuning, "_mode_gradients", slopes)
     monkeypatch.setattr(gain_tuning, "_flight_gradients", flown_slopes)
-    for lost_above in (np.inf, 1.2 * given.control.K_v[0]):
+    for lost_above in (np.inf, 1.2 * settings.control.K_v[0]):
         flies = lambda of, most=lost_above: gain_tuning.FlightCost(of, 1 / K(of)[0]) if K(of)[1] <= most else "lost"  # noqa: E731
         monkeypatch.setattr(gain_tuning, "simulate_cost", flies)
-        first, best, spent = gain_tuning.tune(given)
-        assert first.settings == given
+        first, best, spent = gain_tuning.tune(settings)
+        assert first.settings == settings
         start, end = flies(first), flies(best)
         assert isinstance(start, gain_tuning.FlightCost)
         assert isinstance(end, gain_tuning.FlightCost)
@@ -224,15 +229,19 @@ def test_tune_flies_from_where_it_costs_less_and_returns(monkeypatch: pytest.Mon
         assert 2 < spent.simulations <= gain_tuning.MAX_SIMULATIONS
         assert spent.simulations < spent.linearizations <= gain_tuning.MAX_LINEARIZATIONS + gain_tuning.MAX_SIMULATIONS
     monkeypatch.setattr(gain_tuning, "simulate_cost", lambda _of: "lost")
-    _, best, spent = gain_tuning.tune(given)
-    assert best.cost == pytest.approx(-4 * given.control.K_v[0], rel=0.01)
+    _, best, spent = gain_tuning.tune(settings)
+    assert best.cost == pytest.approx(-4 * settings.control.K_v[0], rel=0.01)
     assert spent.simulations == 2
 
 
-def test_a_posture_is_not_raised_above_what_is_stated_unless(monkeypatch: pytest.MonkeyPatch):
-    """Joints beyond need are to reach what their user states; a greater statement would only be missed by more."""
+def test_posture_bound_depends_on_stability(monkeypatch: pytest.MonkeyPatch):
+    """For a stable redundant team the stated posture bandwidth is the upper bound, since a larger one is missed by
+    more.
+    """
     monkeypatch.setattr(gain_tuning, "_max_frequency_ratio", lambda _of: 0.5)
-    known = {field.name: getattr(lit(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)}
+    known_cost = {
+        field.name: getattr(light_design(), field.name) for field in dataclasses.fields(gain_tuning.LoopDesign)
+    }
 
     class At(gain_tuning.LoopDesign):
         cost = -1.0
@@ -241,15 +250,15 @@ def test_a_posture_is_not_raised_above_what_is_stated_unless(monkeypatch: pytest
         cost = 1.0
 
     for name, kind, most in (("beam", At, 0.0), ("beam", Growing, gain_tuning.MAX_GAIN_RATIO), ("trio", At, None)):
-        low, high = gain_tuning.search_bounds(kind(**known | {"settings": scenario.load_scenario(name)}))
+        low, high = gain_tuning.search_bounds(kind(**known_cost | {"settings": scenario.load_scenario(name)}))
         assert (low == -gain_tuning.MAX_GAIN_RATIO).all()
         assert high[0] == 0.5
         assert (high[1:6] == gain_tuning.MAX_GAIN_RATIO).all()
         assert high[6:].tolist() == ([] if most is None else [most])
 
 
-def test_no_more_are_looked_at_than_there_may_be():
-    """Steps that help at random, within any budget."""
+def test_search_never_exceeds_its_budget():
+    """Steps with random costs, for several budgets."""
     rng = np.random.default_rng(0)
 
     @dataclasses.dataclass(frozen=True)
@@ -258,20 +267,22 @@ def test_no_more_are_looked_at_than_there_may_be():
 
     for most in range(4, 40):
         at = lambda _steps: Chance(rng.normal())  # noqa: E731
-        known = lambda _of: (np.zeros(1), rng.normal(size=(1, 2)))  # noqa: E731
+        known_cost = lambda _of: (np.zeros(1), rng.normal(size=(1, 2)))  # noqa: E731
         bounds = (-np.ones(2), np.ones(2))
-        _, _, used = gain_tuning.minimize(Chance(0.0), at, known, np.zeros(2), bounds, np.array([False, True]), most)
+        _, _, used = gain_tuning.minimize(
+            Chance(0.0), at, known_cost, np.zeros(2), bounds, np.array([False, True]), most
+        )
         assert used <= most
 
 
 @functools.cache
-def lit() -> gain_tuning.LoopDesign:
+def light_design() -> gain_tuning.LoopDesign:
     return gain_tuning.linearize_scenario(light.settings())
 
 
 @pytest.mark.long
-def test_thrust_bounds_the_stiffness():
-    of = lit()
+def test_stiffness_is_limited_by_thrust():
+    of = light_design()
     assert of.cost < 0
     near = of.settings.model_copy(
         update={"initial_state": of.settings.initial_state.model_copy(update={"position_error_m": (0, 0, 0)})}
@@ -284,9 +295,9 @@ def test_thrust_bounds_the_stiffness():
 
 
 @pytest.mark.long
-def test_a_real_loop_s_slopes_point_where_it_decays_faster():
-    """The light team: the rate along a short step, as the slopes have it and as the loop with it has it."""
-    of = lit()
+def test_gradients_of_a_real_loop_predict_its_decay_rate():
+    """The decay rate after a short step, as predicted by the gradients and as linearized again."""
+    of = light_design()
     rates, slopes = gain_tuning._mode_gradients(of)
     step = gain_tuning._linear_program_step(rates, slopes, np.full(6, -0.05), np.full(6, 0.05))
     assert gain_tuning.linearize_scenario(gain_tuning.scale_gains(of.settings, step)).cost < of.cost
@@ -298,17 +309,21 @@ def test_a_real_loop_s_slopes_point_where_it_decays_faster():
     assert 0.01 < found["static_e_p_C1_m"] < 1
 
 
-def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_command_writes_scenario_without_overwriting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made = light.write(tmp_path / "team.yaml")
     monkeypatch.setattr(gain_tuning, "simulate_cost", lambda of: gain_tuning.FlightCost(of, 0.1))
-    after = dataclasses.replace(lit(), settings=gain_tuning.scale_gains(lit().settings, np.full(6, 0.1)))
+    after = dataclasses.replace(
+        light_design(), settings=gain_tuning.scale_gains(light_design().settings, np.full(6, 0.1))
+    )
     monkeypatch.setattr(
-        gain_tuning, "tune", lambda _settings, _say, _better: (lit(), after, gain_tuning.EvaluationBudget(9, 2))
+        gain_tuning,
+        "tune",
+        lambda _settings, _say, _better: (light_design(), after, gain_tuning.EvaluationBudget(9, 2)),
     )
     out = tmp_path / "tuned.yaml"
-    said = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
-    assert said.exit_code == 0, said.stderr
-    found = json.loads(said.stdout)
+    outcome = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
+    assert outcome.exit_code == 0, outcome.stderr
+    found = json.loads(outcome.stdout)
     assert found["after"]["static_e_p_C1_m"] == pytest.approx(
         found["before"]["static_e_p_C1_m"] / np.exp(0.2), rel=1e-2
     )
@@ -324,9 +339,11 @@ def test_the_command_writes_a_scenario_and_overwrites_none(tmp_path: Path, monke
     assert shown.stdout.splitlines()[-1] == f"sample with these gains is in {tmp_path / 'other.yaml'}"
 
 
-def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_interrupted_command_writes_best_gains_so_far(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     made, out = light.write(tmp_path / "team.yaml"), tmp_path / "tuned.yaml"
-    best = dataclasses.replace(lit(), settings=gain_tuning.scale_gains(lit().settings, np.full(6, 0.1)))
+    best = dataclasses.replace(
+        light_design(), settings=gain_tuning.scale_gains(light_design().settings, np.full(6, 0.1))
+    )
 
     def ended(
         _settings: object,
@@ -338,7 +355,7 @@ def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, mo
             better(each)
         raise signals.Interrupted
 
-    for found in ((), (lit(), best)):
+    for found in ((), (light_design(), best)):
         monkeypatch.setattr(gain_tuning, "tune", functools.partial(ended, found=found))
         with pytest.raises(signals.Interrupted):
             CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
@@ -348,7 +365,7 @@ def test_ended_early_the_command_writes_the_best_gains_so_far(tmp_path: Path, mo
     assert (nowhere.exit_code, nowhere.stderr.count("\n")) == (2, 1)
 
 
-def test_a_search_hands_on_the_best_so_far():
+def test_search_reports_best_design_so_far():
     first, seen = Spring(np.zeros(FREE)), []
     bounds = np.full(FREE, -1.0), np.full(FREE, 1.0)
     best, *_ = gain_tuning.minimize(

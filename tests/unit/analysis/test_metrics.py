@@ -1,4 +1,4 @@
-"""Figures of merit against definitions written out another way."""
+"""Tests of metrics against independent implementations of their definitions."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ CONTACTS = [np.array(c) for agent in paper.SETTINGS.agents for c in agent.contac
 
 
 def with_rows(rows: StepRecord, **signals: np.ndarray | None) -> StepRecord:
-    """The log with some signals replaced, of the shapes that `Row` states, or left out."""
-    given = jax.tree.map(jnp.asarray, signals)
-    return jax.tree.map(np.array, dataclasses.replace(jax.tree.map(jnp.asarray, rows), **given))
+    """Return the log with some signals replaced or omitted, with the shapes that `Row` states."""
+    arrays = jax.tree.map(jnp.asarray, signals)
+    return jax.tree.map(np.array, dataclasses.replace(jax.tree.map(jnp.asarray, rows), **arrays))
 
 
 def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> FlightResult:
-    """A random flight, with some signals of its log stated."""
+    """Return a random flight with some signals of its log given."""
     rng = np.random.default_rng(seed)
     attitudes = Rotation.random(shape.time, random_state=seed).as_matrix()
     made = with_rows(flights.rows(rng, shape), **({"R_L_hat": attitudes, "R_L": attitudes} | rows))
     beta = [rng.uniform(1, 5, (n, 6 + joints)) for n, joints, _ in shape.groups]
-    oracle = paper.plan("C1").controller.residual_model
+    model = paper.paper_experiment("C1").controller.residual_model
     bands = confidence_bounds.ConfidenceBands(
-        bound_posterior=oracle, payload_beta=jnp.arange(6.0), agent_beta=tuple(jnp.asarray(b) for b in beta)
+        bound_posterior=model, payload_beta=jnp.arange(6.0), agent_beta=tuple(jnp.asarray(b) for b in beta)
     )
-    held = prediction_uncertainty.ModelInterval(start_tick=0, model=oracle, bands=bands)
+    held = prediction_uncertainty.ModelInterval(start_tick=0, model=model, bands=bands)
     return FlightResult(
         records=made,
         uncertainty=flights.sigma(rng, shape),
@@ -53,7 +53,7 @@ def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> Fligh
 
 
 def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """`(sum lam, sum c x R^T lam)`, contact by contact."""
+    """Return `(sum lam, sum c x R^T lam)`, computed contact by contact."""
     force, moment = np.zeros(3), np.zeros(3)
     for c, f in zip(CONTACTS, lam, strict=True):
         force += f
@@ -61,17 +61,17 @@ def wrench(lam: np.ndarray, R: np.ndarray) -> np.ndarray:
     return np.concatenate([force, moment])
 
 
-# Figures of merit -----------------------------------------------------------------------------------------------------
+# Metrics --------------------------------------------------------------------------------------------------------------
 
 
-def test_norm_rms_is_the_root_of_the_mean_square_of_the_norms():
+def test_rms_norm_is_root_mean_square_of_norms():
     x = np.random.default_rng(0).normal(size=(7, 2, 3))
     squares = [sum(v * v for v in sample.flat) for sample in x]
     assert metrics.rms_norm(x) == pytest.approx((sum(squares) / 7) ** 0.5, rel=1e-14)
 
 
-def test_the_summary_is_of_the_second_half_but_for_what_must():
-    """The summary is of the second half but for what must hold always."""
+def test_summary_uses_the_second_half():
+    """The summary covers the second half, except quantities that must hold at all times."""
     made = flight(1)
     found = metrics.summary(made, TRUTH, NOMINAL)
     late = slice(120, None)
@@ -99,8 +99,8 @@ def test_the_summary_is_of_the_second_half_but_for_what_must():
 
 
 @pytest.mark.parametrize(("hertz", "share"), [(60.0, 1.0), (100.0, 1.0), (20.0, 0.5), (3.0, 0.0)])
-def test_chatter_is_what_contact_forces_have_above_20_hertz(hertz, share):
-    """A tone of amplitude 2 N in one component: all of it above the corner, half at it (twice -3 dB), none below."""
+def test_high_frequency_rms_of_a_tone(hertz, share):
+    """A tone of 2 N in one component: all of it above the corner, half at the corner (twice -3 dB), none below."""
     shape = SHAPE._replace(time=3000)
     t = shape.period * np.arange(shape.time)
     lam = np.zeros((shape.time, 4, 3))
@@ -109,11 +109,11 @@ def test_chatter_is_what_contact_forces_have_above_20_hertz(hertz, share):
     assert metrics.high_frequency_rms(flight(2, shape, lam=lam).records) == pytest.approx(share * 2 / 2**0.5, abs=0.02)
 
 
-def test_flights_too_short_to_filter_have_no_chatter():
+def test_short_flights_have_no_high_frequency_rms():
     assert np.isnan(metrics.high_frequency_rms(flight(2, SHAPE._replace(time=99)).records))
 
 
-def test_consistency_and_identity_find_the_tick_that_breaks_them():
+def test_consistency_errors_detect_one_wrong_step():
     made = flight(3)
     R, lam, lam_cmd = made.records.R_L_hat, made.records.lam, made.records.lam_cmd
     W_d = np.stack([wrench(lam_cmd[k], R[k]) for k in range(SHAPE.time)])
@@ -128,8 +128,8 @@ def test_consistency_and_identity_find_the_tick_that_breaks_them():
     assert metrics.interface_identity_error(rows, NOMINAL) == pytest.approx(1.0, rel=1e-9)
 
 
-def test_correlations_are_pearson_s_and_of_a_constant_there():
-    """Correlations are pearson is and of a constant there is none."""
+def test_correlation_is_pearson_and_none_for_constants():
+    """Correlations equal Pearson's; a constant signal has none."""
     made = flight(4)
     at = np.arange(0, SHAPE.time, 5)
     sigma_A = np.linalg.norm(made.uncertainty.agent_std[0], axis=2).sum(1)
@@ -143,18 +143,18 @@ def test_correlations_are_pearson_s_and_of_a_constant_there():
     assert found["after_first_update"] is None, "nothing was learned"
     e_p = np.zeros_like(made.records.e_p)
     e_p[at, 0] = 0.1 + 2 * np.linalg.norm(made.uncertainty.payload_std, axis=1)
-    told = dataclasses.replace(made, records=with_rows(made.records, e_p=e_p))
-    assert metrics.correlations(told)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
+    logged = dataclasses.replace(made, records=with_rows(made.records, e_p=e_p))
+    assert metrics.correlations(logged)["sigma_L_e_p"]["run"] == pytest.approx(1.0, abs=1e-12)
     flat = dataclasses.replace(made.uncertainty, payload_std=np.ones_like(made.uncertainty.payload_std))
     assert metrics.correlations(dataclasses.replace(made, uncertainty=flat))["sigma_L_e_p"]["run"] is None
 
 
-# Predictive deviations ------------------------------------------------------------------------------------------------
+# Predictive standard deviations ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("listens", [False, True])
-def test_errors_of_stated_size_lie_outside_of_1_96_deviations(listens):
-    """Errors drawn with the deviation that data, data sheets and lateness have together are as often outside."""
+def test_miscoverage_of_errors_with_stated_std_is_nominal(listens):
+    """Errors with the combined standard deviation of data, data sheets and delay have nominal miscoverage at 1.96."""
     shape = SHAPE._replace(time=20000)
     made, rng = flight(6, shape), np.random.default_rng(7)
     sigma, at = made.uncertainty, np.arange(0, shape.time, 5)
@@ -182,8 +182,8 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations(listens):
     f_L = rows.f_L_hat.copy()
     f_L[at] += s * rng.normal(size=s.shape)
     f_x = rows.f_x_hat + 0.5
-    told = dataclasses.replace(made, records=with_rows(rows, f_L=f_L, f_x=f_x))
-    found = metrics.miscoverage(told)
+    logged = dataclasses.replace(made, records=with_rows(rows, f_L=f_L, f_x=f_x))
+    found = metrics.miscoverage(logged)
     np.testing.assert_allclose(found["payload"]["rate"], 0.05, atol=0.02)
     np.testing.assert_allclose(found["payload"]["normalized_error_rms"], 1.0, atol=0.05)
     group, label = sigma.agent_std[0][..., :3], sigma.agent_label_bias[0][..., :3]
@@ -197,7 +197,7 @@ def test_errors_of_stated_size_lie_outside_of_1_96_deviations(listens):
 
 
 @pytest.mark.parametrize("shape", [SHAPE, flights.MIXED._replace(time=200)])
-def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
+def test_exceeded_share_is_computed_per_body(shape):
     made = flight(5, shape)
     found = metrics.bound_statistics(made)
     ds = log.dataset(made.records, team=shape.team, sigma=made.uncertainty, attrs={}, **shape.names)
@@ -232,8 +232,8 @@ def test_bounded_counts_errors_above_their_radii_body_by_body(shape):
     ]
 
 
-def test_where_there_is_no_radius_nothing_is_above():
-    """Where there is no radius nothing is above it and nothing is tight."""
+def test_missing_bounds_give_no_exceedance():
+    """Without a bound nothing exceeds it, and it has no tightness."""
     made = flight(6)
     sigma = dataclasses.replace(made.uncertainty, payload_radius=np.full_like(made.uncertainty.payload_radius, np.inf))
     found = metrics.bound_statistics(dataclasses.replace(made, uncertainty=sigma))["payload"]
@@ -244,17 +244,17 @@ def test_where_there_is_no_radius_nothing_is_above():
 # Residuals ------------------------------------------------------------------------------------------------------------
 
 
-def heavier(truth: Team, m: float, J: np.ndarray) -> Team:
-    """The team with another payload."""
+def with_payload(truth: Team, m: float, J: np.ndarray) -> Team:
+    """Return the team with another payload."""
     payload = dataclasses.replace(truth.payload, mass=jnp.asarray(m), inertia=jnp.asarray(J))
     return dataclasses.replace(truth, payload=payload)
 
 
-def test_shares_of_the_residual_tell_parameters_constants():
-    """A residual made of a mass and inertia mismatch, a constant and a sine whose deviation is known."""
+def test_residual_statistics_separate_known_parts():
+    """A residual of mass and inertia mismatch, a constant, and a sine with known standard deviation."""
     rng = np.random.default_rng(7)
     J = TRUTH.payload.inertia - np.array([[0.01, 0.002, 0], [0.002, 0.03, 0.004], [0, 0.004, 0.02]])
-    nominal = heavier(TRUTH, float(TRUTH.payload.mass) - 0.4, J)
+    nominal = with_payload(TRUTH, float(TRUTH.payload.mass) - 0.4, J)
     n = 1000
     a_L, omega = rng.normal(size=(n, 6)), rng.normal(size=(n, 3))
     R = Rotation.random(n, random_state=1).as_matrix()
@@ -280,24 +280,24 @@ def test_shares_of_the_residual_tell_parameters_constants():
     assert len(found["agents_force"]["mean"]) == 6
 
 
-def test_mismatch_is_nominal_less_true_in_the_regressor_s_order():
+def test_mismatch_is_nominal_minus_true_parameters():
     theta = metrics.parameter_mismatch(TRUTH, NOMINAL)
     np.testing.assert_allclose(theta, [-0.3, 0, 0, 0, -0.01, -0.03, -0.03, 0, 0, 0], atol=1e-15)
     J = np.array([[0.05, 0.001, 0.002], [0.001, 0.2, 0.003], [0.002, 0.003, 0.2]])
-    theta = metrics.parameter_mismatch(TRUTH, heavier(TRUTH, 2.0, J))
+    theta = metrics.parameter_mismatch(TRUTH, with_payload(TRUTH, 2.0, J))
     np.testing.assert_allclose(theta, [0.5, 0, 0, 0, 0.01, 0.05, 0.02, 0.001, 0.002, 0.003], atol=1e-15)
 
 
 # Steps ----------------------------------------------------------------------------------------------------------------
 
 
-def test_a_step_that_is_too_long_is_said_with_when_and_how_much():
+def test_too_long_step_is_reported_with_time_and_size():
     rows = flight(8).records
     fine = np.full(SHAPE.time, 9e-10)
     assert metrics.warn_step_size(with_rows(rows, Phi_dot=fine)) == ""
     fine[[100, 150, 200]] = 2e-9, 3e-7, 4e-8
-    said = metrics.warn_step_size(with_rows(rows, Phi_dot=fine))
-    assert "from t = 0.200 s" in said
-    assert "up to 3e-07 m/s, at t = 0.300 s" in said
+    warning = metrics.warn_step_size(with_rows(rows, Phi_dot=fine))
+    assert "from t = 0.200 s" in warning
+    assert "up to 3e-07 m/s, at t = 0.300 s" in warning
     found = metrics.summary(flight(8, Phi_dot=fine), TRUTH, NOMINAL)
-    assert found["warnings"] == [said]
+    assert found["warnings"] == [warning]

@@ -1,4 +1,4 @@
-"""What is said of a scenario before it is flown: the numbers, and what to change where one is bad."""
+"""Tests of the preflight check: values, and the changes that it advises."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NO_WIND = {"disturbances": ()}
 
 @functools.cache
 def found(name: str) -> preflight.PreflightReport:
-    """Of the smallest team; with one gain that its sampled loop does not bear."""
+    """Report of the smallest team, as shipped and with one gain that makes the sampled loop unstable."""
     control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 40.0} if name == "wild" else {})
     return preflight.run_preflight(light.settings(control=control))
 
@@ -33,7 +33,7 @@ def finding(of: preflight.PreflightReport, subject: str) -> preflight.Finding:
     return one
 
 
-def test_a_team_that_flies_is_sound():
+def test_shipped_team_passes_all_checks():
     good = found("good")
     assert good.passed
     assert [each.subject for each in good.findings] == [
@@ -54,25 +54,25 @@ def test_a_team_that_flies_is_sound():
 
 
 @pytest.mark.long
-def test_a_mode_that_grows_is_bad_and_the_change_that_is_said():
-    """A mode that grows is bad and the change that is said steadies it."""
-    wild = found("wild")
-    assert not wild.passed
-    bad, also = [each for each in wild.findings if each.advice]
+def test_unstable_mode_fails_and_advice_stabilizes_it():
+    """An unstable mode fails the check, and the advised change stabilizes it."""
+    unstable = found("wild")
+    assert not unstable.passed
+    bad, also = [each for each in unstable.findings if each.advice]
     assert (bad.subject, also.subject) == ("slowest mode", "learned mode")
-    assert also.values["eigenvalue_radps"] != bad.values["eigenvalue_radps"]  # it rests elsewhere
+    assert also.values["eigenvalue_radps"] != bad.values["eigenvalue_radps"]  # another equilibrium
     assert "unstable" in bad.message
     assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
-    assert not any(each.subject == "delay margin" for each in wild.findings)
+    assert not any(each.subject == "delay margin" for each in unstable.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
     assert float(rate) == pytest.approx(finding(found("good"), "slowest mode").values["eigenvalue_radps"][0], abs=1e-2)
-    assert float(rate) < 0 < finding(wild, "slowest mode").values["eigenvalue_radps"][0]
-    assert wild.format_report()[-1] == "sample: failed: slowest mode, learned mode"
+    assert float(rate) < 0 < finding(unstable, "slowest mode").values["eigenvalue_radps"][0]
+    assert unstable.format_report()[-1] == "sample: failed: slowest mode, learned mode"
 
 
 @pytest.mark.long
-def test_too_little_delay_margin_is_bad_with_the_gain_that_gives(monkeypatch: pytest.MonkeyPatch):
-    """Too little delay margin is bad with the gain that gives more."""
+def test_small_delay_margin_fails_with_gain_advice(monkeypatch: pytest.MonkeyPatch):
+    """A small delay margin fails the check, and the advice names a gain that increases it."""
     every = list(remedies.gain_changes(light.settings()))
     monkeypatch.setattr(preflight, "MIN_DELAY_MARGIN", 0.02)
     monkeypatch.setattr(remedies, "gain_changes", lambda _: [each for each in every if "agent_k_omega" in each[0]])
@@ -82,52 +82,52 @@ def test_too_little_delay_margin_is_bad_with_the_gain_that_gives(monkeypatch: py
     assert float(margin[1]) > late.values["delay_margin_s"]
 
 
-def test_a_delay_margin_that_is_not_known_is_said_and_not_called(monkeypatch: pytest.MonkeyPatch):
-    """A delay margin that is not known is said and not called bad."""
+def test_unknown_delay_margin_is_no_failure(monkeypatch: pytest.MonkeyPatch):
+    """An unknown delay margin is reported and does not fail the check."""
 
     def unknown(*_: object) -> None:
         raise ValueError("the controller state does not determine every command independently")
 
     monkeypatch.setattr(stability, "delay_margin", unknown)
-    said = preflight._delay(light.settings(), {}, np.eye(1), print)
-    assert said.message.endswith("not known: the controller state does not determine every command independently")
-    assert (said.advice, said.values) == ((), {"delay_margin_s": None})
+    finding_ = preflight._delay(light.settings(), {}, np.eye(1), print)
+    assert finding_.message.endswith("not known: the controller state does not determine every command independently")
+    assert (finding_.advice, finding_.values) == ((), {"delay_margin_s": None})
 
 
-def test_the_thrust_along_a_reference_that_stands_still():
-    """The thrust along a reference that stands still is that of hovering."""
+def test_thrust_of_constant_reference_is_hover_thrust():
+    """The thrust along a constant reference is that of hovering."""
     still = light.settings(
         reference=light.SAMPLE.reference.model_copy(update={"amplitude_m": (0.0, 0.0, 0.0)}), **NO_WIND
     )
-    plan = experiment.make_experiment(still, "C1")
-    truth = plan.world.team
-    path = preflight.thrust_profile(plan, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
-    hover = termination.true_hover_thrust(still, truth, plan.controller, plan.world.disturbances)
+    c1 = experiment.make_experiment(still, "C1")
+    truth = c1.world.team
+    path = preflight.thrust_profile(c1, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
+    hover = termination.true_hover_thrust(still, truth, c1.controller, c1.world.disturbances)
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
 
-def test_the_thrust_along_a_reference_lifts_all_masses():
-    """The thrust along a reference lifts all masses as the payload moves."""
+def test_thrust_along_reference_accelerates_all_masses():
+    """The thrust along a reference accelerates all masses like the payload."""
     up = light.SAMPLE.reference.model_copy(
         update={"amplitude_m": (0.0, 0.0, 0.3), "rotation_amplitude_deg": (0.0, 0.0, 0.0)}
     )
     settings = light.settings(reference=up, **NO_WIND)
-    plan = experiment.make_experiment(settings, "C1")
+    c1 = experiment.make_experiment(settings, "C1")
     t = np.linspace(0, 10, 7)
-    need = preflight.thrust_profile(plan, initial_states.equilibrium_state(settings, plan.world.team), t).sum(1)
-    a = np.array([plan.controller.reference.evaluate(jnp.asarray(x)).a[2] for x in t])
+    need = preflight.thrust_profile(c1, initial_states.equilibrium_state(settings, c1.world.team), t).sum(1)
+    a = np.array([c1.controller.reference.evaluate(jnp.asarray(x)).a[2] for x in t])
     np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
     assert np.ptp(a) > 0.1
 
 
-def heavier(kg: float) -> Scenario:
+def heavier_payload(kg: float) -> Scenario:
     load = light.SAMPLE.payload.model_copy(update={"mass_kg": kg})
     return light.settings(payload=load, **NO_WIND)
 
 
-def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.MonkeyPatch):
+def test_small_thrust_fails_with_required_value(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
-    seen = preflight.run_preflight(heavier(7.0))
+    seen = preflight.run_preflight(heavier_payload(7.0))
     thrust = finding(seen, "thrust")
     assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
     need = max(thrust.values["hover_thrust_N"].values())
@@ -135,23 +135,23 @@ def test_little_thrust_is_bad_with_how_much_it_should_be(monkeypatch: pytest.Mon
     assert "no equilibrium" in finding(seen, "equilibrium").message
 
 
-def test_a_team_that_has_no_thrust_to_spare_is_not_told_to_share(monkeypatch: pytest.MonkeyPatch):
-    """Where hover leaves less than is asked of all thrust together no place of contacts helps, and no reference."""
+def test_no_contact_advice_without_thrust_reserve(monkeypatch: pytest.MonkeyPatch):
+    """If total hover thrust exceeds the limit, neither contact positions nor the reference are advised."""
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
-    few = preflight.run_preflight(heavier(7.0), thrust_margin=0.3)
+    few = preflight.run_preflight(heavier_payload(7.0), thrust_margin=0.3)
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
     assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))
 
 
-def test_what_is_alike_in_a_team_is_said_once():
+def test_equal_agents_are_summarized():
     many = scenario.parse(template.scenario_template("many", 12, 0), "many.yaml")
-    said = preflight._mass(many, *team.team(many)).message
-    assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in said
+    finding_ = preflight._mass(many, *team.team(many)).message
+    assert "12 agents from agent_1 to agent_12 of 1.5 kg each" in finding_
 
 
-def test_arms_that_hang_straight_over_their_contacts_are_told(monkeypatch: pytest.MonkeyPatch):
-    """Arms that hang straight over their contacts are told contacts that bend them."""
+def test_straight_arms_are_reported_with_contacts(monkeypatch: pytest.MonkeyPatch):
+    """Arms that are straight above their contacts are reported with contact positions that bend them."""
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
     changes += [
@@ -177,25 +177,25 @@ def test_arms_that_hang_straight_over_their_contacts_are_told(monkeypatch: pytes
 CONTACTS = {"front": 0.5, "rear": -0.5}
 
 
-def test_agents_whose_stated_rest_is_straight_follow_no_rate():
-    """Agents whose stated rest is straight follow no rate of labels."""
+def test_straight_nominal_posture_uses_no_label_rate():
+    """Agents with a straight nominal posture, or without weight, use no label rates."""
     changes = [f"agent_types.two_arms.joints.{joint}.nominal_position_rad=0" for joint in ("left", "right")]
-    straight = scenario.load_scenario("paper", changes)  # their contacts bend them: the team can be built
-    (said,) = preflight._labels(straight, team.team(straight)[1])
-    assert "front has straight arms at its nominal joint positions" in said.message
-    assert "use none" in said.message
-    json.dumps(said.values, allow_nan=False)
+    straight = scenario.load_scenario("paper", changes)  # the contacts bend the arms, so that the team can be built
+    (finding_,) = preflight._labels(straight, team.team(straight)[1])
+    assert "front has straight arms at its nominal joint positions" in finding_.message
+    assert "use none" in finding_.message
+    json.dumps(finding_.values, allow_nan=False)
     falling = scenario.load_scenario("paper", ["gravity_mps2=[0, 0, 0]"])
-    (said,) = preflight._labels(falling, team.team(falling)[1])
-    assert "front has no weight" in said.message
+    (finding_,) = preflight._labels(falling, team.team(falling)[1])
+    assert "front has no weight" in finding_.message
 
 
 def no_rest(*_: object) -> None:
     raise ValueError("the loop has no equilibrium near the start of its reference")
 
 
-def test_what_cannot_be_built_is_said_with_what_to_change():
-    refused = preflight.run_preflight(heavier(20.0))
+def test_rejected_scenario_is_reported_with_advice():
+    refused = preflight.run_preflight(heavier_payload(20.0))
     assert "cannot hover" in finding(refused, "build").message
     assert "thrust_max_N" in finding(refused, "build").advice[0]
     agents = [
@@ -207,7 +207,7 @@ def test_what_cannot_be_built_is_said_with_what_to_change():
     assert "move n1/hook away from this line" in line.advice[0]
 
 
-def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
+def test_joints_near_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
     change = (
         "agent_types.two_arms.joints.1.nominal_position_rad=0.03",
@@ -224,16 +224,16 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
     )
 
 
-def test_the_command_prints_the_findings_and_its_status_says(monkeypatch: pytest.MonkeyPatch):
-    """The command prints the findings and its status says whether all is sound."""
+def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch):
+    """The command prints the findings, and its exit status states whether all checks pass."""
     good = found("good")
     *rest, last = good.findings
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
     for here, status in [(good, 0), (bad, 1)]:
         monkeypatch.setattr(preflight, "run_preflight", lambda _settings, _say, here=here: here)
-        said = CliRunner().invoke(app, ["check", "paper"])
-        assert said.exit_code == status
-        assert said.stdout.splitlines() == here.format_report()
+        finding_ = CliRunner().invoke(app, ["check", "paper"])
+        assert finding_.exit_code == status
+        assert finding_.stdout.splitlines() == here.format_report()
         data = CliRunner().invoke(app, ["check", "paper", "--json"])
         assert data.exit_code == status
         assert json.loads(data.stdout) == json.loads(json.dumps(here.summary))
@@ -241,8 +241,8 @@ def test_the_command_prints_the_findings_and_its_status_says(monkeypatch: pytest
     assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2
 
 
-def moving(rate: float, joint: float, load: float) -> stability.Modes:
-    """Two modes: the payload's at 2 1/s, and one at a rate that moves a joint of `beam` and the payload so far."""
+def two_modes(rate: float, joint: float, load: float) -> stability.Modes:
+    """Two modes: the payload's at 2 1/s, and one at a given rate that moves a joint of `beam` and the payload."""
     joints = np.zeros((2, 12))
     joints[:, 4] = 0.1, joint
     payload = np.zeros((2, 6))
@@ -252,21 +252,21 @@ def moving(rate: float, joint: float, load: float) -> stability.Modes:
     )
 
 
-def test_joints_beyond_need_that_return_too_slowly_are_bad(monkeypatch):
-    """Joints beyond need that return too slowly are bad and named."""
+def test_slow_redundant_joints_fail_and_are_named(monkeypatch):
+    """Redundant joints that return too slowly fail the check and are named."""
     beam, say = scenario.load_scenario("beam", ("control.posture_bandwidth=5",)), lambda _what: None
     monkeypatch.setattr(remedies, "posture_changes", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
-    (slow,) = preflight._posture(beam, moving(2.4, 1.0, 0.1), say)
+    (slow,) = preflight._posture(beam, two_modes(2.4, 1.0, 0.1), say)
     assert (
         slow.message == "redundant joints converge at 2.4 1/s, slowest agent_2/shoulder; control.posture_bandwidth = 5"
     )
     assert slow.advice == ("2.4 agent_2/shoulder",)
-    (fast,) = preflight._posture(beam, moving(2.6, 1.0, 0.1), say)
+    (fast,) = preflight._posture(beam, two_modes(2.6, 1.0, 0.1), say)
     assert fast.advice == ()
-    assert not list(preflight._posture(beam, moving(0.1, 1.0, 1.0), say))  # the payload's own: its gains are to blame
-    assert not list(preflight._posture(scenario.load_scenario("paper"), moving(0.1, 1.0, 0.1), say))
+    assert not list(preflight._posture(beam, two_modes(0.1, 1.0, 1.0), say))  # the payload's mode: caused by its gains
+    assert not list(preflight._posture(scenario.load_scenario("paper"), two_modes(0.1, 1.0, 0.1), say))
     (held,) = preflight._posture(
-        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), moving(2.6, 1.0, 0.1), say
+        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), two_modes(2.6, 1.0, 0.1), say
     )
     assert held.advice
 
@@ -283,11 +283,11 @@ def test_joints_beyond_need_that_return_too_slowly_are_bad(monkeypatch):
             ("agent_k_R=350.0 yields 1.2", "nominal_position_rad"),
         ),
         (lambda _c, _r: 0.9, ("start from `colift init`",)),
-        (lambda _c, _r: np.nan, ("start from `colift init`",)),  # no rest
+        (lambda _c, _r: np.nan, ("start from `colift init`",)),  # no equilibrium
     ],
 )
-def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
-    """First what reaches half of what is stated; else what is sooner than now."""
+def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, advice):
+    """Changes that reach half of the stated rate come first, then changes that are faster than the present rate."""
     beam = scenario.load_scenario(
         "beam", ("control.posture_bandwidth=5", "control.agent_k_R=250", "control.agent_k_omega=28")
     )
@@ -295,23 +295,23 @@ def test_what_lets_joints_return_sooner_is_tried(monkeypatch, rates, advice):
     def at_rest(changed: scenario.Scenario) -> stability.Modes:
         rate = rates(changed.control, changed.agent_types != beam.agent_types)
         if np.isnan(rate):
-            raise ValueError("no rest")
-        return moving(rate, 1.0, 0.1)
+            raise ValueError("no equilibrium")
+        return two_modes(rate, 1.0, 0.1)
 
     monkeypatch.setattr(remedies, "modes_at_equilibrium", at_rest)
-    said = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None)
-    assert len(said) == len(advice)
-    assert all(part in line for part, line in zip(advice, said, strict=True))
+    finding_ = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None)
+    assert len(finding_) == len(advice)
+    assert all(part in line for part, line in zip(advice, finding_, strict=True))
 
 
-def test_agents_that_hear_themselves_are_named_and_others():
-    """Agents that hear themselves are named and others are not."""
-    quiet, loud = scenario.load_scenario("trio"), scenario.load_scenario("seven")
-    assert not list(preflight._labels(quiet, team.team(quiet)[1]))
-    (said,) = preflight._labels(loud, team.team(loud)[1])
+def test_large_label_loop_gain_is_reported():
+    """Agents with a large label loop gain are reported; others are not."""
+    small_gain, large_gain = scenario.load_scenario("trio"), scenario.load_scenario("seven")
+    assert not list(preflight._labels(small_gain, team.team(small_gain)[1]))
+    (finding_,) = preflight._labels(large_gain, team.team(large_gain)[1])
     assert (
-        said.message == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its "
+        finding_.message == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its "
         "label rates and respond later to gusts"
     )
-    assert not said.advice
-    assert set(said.values["label_loop_gain"]) == {"agent_1", "agent_2", "agent_3"}
+    assert not finding_.advice
+    assert set(finding_.values["label_loop_gain"]) == {"agent_1", "agent_2", "agent_3"}

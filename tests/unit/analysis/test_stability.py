@@ -1,4 +1,4 @@
-"""The sampled loop to first order, against the nonlinear loop as it flies; and what is said of its slowest mode."""
+"""Tests of the linearized sampled loop against the nonlinear loop, and of the report of its slowest mode."""
 
 from __future__ import annotations
 
@@ -20,34 +20,36 @@ from tests.support import small_team as light
 
 
 @functools.cache
-def rest() -> tuple[stability.LoopStateTree, np.ndarray]:
-    """The study's rest, and its derivative."""
-    return stability.equilibrium_and_jacobian(plan(), z())
+def equilibrium() -> tuple[stability.LoopStateTree, np.ndarray]:
+    """Equilibrium of the study and the derivative there."""
+    return stability.equilibrium_and_jacobian(study_experiment(), z())
 
 
-def plan(hertz: float = 500.0) -> flight.Experiment:
-    return dataclasses.replace(paper.plan("C1"), dt=1 / hertz)
+def study_experiment(hertz: float = 500.0) -> flight.Experiment:
+    return dataclasses.replace(paper.paper_experiment("C1"), dt=1 / hertz)
 
 
 @functools.cache
 def z() -> State:
-    return initial_states.equilibrium_state(paper.SETTINGS, paper.plan("C1").world.team)
+    return initial_states.equilibrium_state(paper.SETTINGS, paper.paper_experiment("C1").world.team)
 
 
 @functools.cache
 def at_500_hertz() -> stability.Modes:
-    return stability.modes_at_equilibrium(plan(), z())
+    return stability.modes_at_equilibrium(study_experiment(), z())
 
 
-def flown(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, ticks: int) -> np.ndarray:
-    """Coordinates around x, so many ticks after d, of the loop as it flies with nothing unknown and no noise."""
+def simulated(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, ticks: int) -> np.ndarray:
+    """Return coordinates relative to x after some steps of the nonlinear loop from x + d, without noise and
+    disturbances.
+    """
     of = dataclasses.replace(of, world=stability._without_disturbances(of.world))
     noise = of.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(of))
     loop = simulator.reset(of.loop_config, z())
     loop, _ = simulator.rollout(of.loop_config, loop, noise, jnp.asarray(1))
     at = jax.tree.map(lambda leaf: leaf[0], stability._displace(x, jnp.asarray(d[None])))
     # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
-    still = paper.with_pilot(of, reference=dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3)))
+    still = paper.with_controller(of, reference=dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3)))
     loop = dataclasses.replace(stability._insert_states(loop, at), tick=jnp.zeros((), int))
     loop, _ = simulator.rollout(still.loop_config, loop, noise, jnp.asarray(ticks))
     assert int(loop.tick) == ticks
@@ -56,47 +58,47 @@ def flown(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, tick
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_tiny_disturbance_goes_the_way_the_modes_say(seed):
-    """Every coordinate of plant and memory is disturbed; what is left over is of second order."""
-    x, M = rest()
+def test_linearization_predicts_small_disturbances(seed):
+    """Every coordinate of plant and controller is disturbed; the difference is of second order."""
+    x, M = equilibrium()
     ticks, d = 200, np.random.default_rng(seed).normal(size=len(M))
-    d = np.linalg.matrix_power(M, 5) @ d  # on the grasp, and with what only lasts a tick gone
+    d = np.linalg.matrix_power(M, 5) @ d  # on the grasp, after states that decay within one step
     d /= np.abs(d).max()
     linear = np.linalg.matrix_power(M, ticks) @ d
-    still = flown(plan(), x, 0 * d, ticks)  # what is left of motion at the rest
-    off = [np.abs((flown(plan(), x, h * d, ticks) - still) / h - linear).max() for h in (1e-3, 5e-4)]
+    still = simulated(study_experiment(), x, 0 * d, ticks)  # remaining motion at equilibrium
+    off = [np.abs((simulated(study_experiment(), x, h * d, ticks) - still) / h - linear).max() for h in (1e-3, 5e-4)]
     assert off[0] < 0.02 * np.abs(linear).max()
     assert off[1] == pytest.approx(off[0] / 2, rel=0.1)
 
 
 @functools.cache
 def settled() -> signals.StepRecord:
-    """A whole flight with nothing unknown but the bodies' parameters, the reference at rest, no noise."""
-    of = dataclasses.replace(plan(), world=stability._without_disturbances(plan().world))
+    """Flight with parameter errors only, with a constant reference and without noise."""
+    of = dataclasses.replace(study_experiment(), world=stability._without_disturbances(study_experiment().world))
     still = dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3))
     alone = paper.with_internal(of, eta=jnp.zeros_like(of.controller.allocator.internal.eta))
-    return paper.fly(paper.with_pilot(alone, reference=still), 14.0).records
+    return paper.simulate(paper.with_controller(alone, reference=still), 14.0).records
 
 
 @pytest.mark.long
-def test_the_rest_is_where_the_flown_loop_settles_off():
-    """The rest is where the flown loop settles off the reference by the weight that is not known."""
-    x, M = rest()
-    assert np.abs(flown(plan(), x, np.zeros(len(M)), 1)).max() < 1e-8
+def test_equilibrium_is_where_the_simulation_settles():
+    """The simulation settles at the equilibrium, which is off the reference by the effect of the unknown weight."""
+    x, M = equilibrium()
+    assert np.abs(simulated(study_experiment(), x, np.zeros(len(M)), 1)).max() < 1e-8
     rows = settled()
     np.testing.assert_allclose(x[".world.state.payload.p"], rows.p[-1], atol=1e-5)
     np.testing.assert_allclose(x[".world.state.payload.R"], rows.R_L[-1], atol=1e-5)
     np.testing.assert_allclose(x[".world.state.agents[0].r"].ravel(), rows.r[-1], atol=1e-5)
     np.testing.assert_allclose(x[".world.applied_inputs[0].u"], rows.u[-1], atol=1e-3)
-    of = paper.plan("C1")
+    of = paper.paper_experiment("C1")
     (group,), load = of.controller.team.agent_groups, of.controller.team.payload
     more = float(of.world.team.payload.mass - load.mass) * 9.81
-    # asked to accelerate upwards, the agents push with their own mass times that as well
+    # for an upward acceleration the agents also push with their own mass
     sag = more / float((load.mass + group.mass.sum()) * of.controller.payload_controller.gains.K_p[2, 2])
     np.testing.assert_allclose(x[".world.state.payload.p"] - of.controller.reference.center, [0, 0, -sag], atol=1e-8)
 
 
-def test_a_team_that_flies_is_not_called_unstable():
+def test_shipped_team_is_stable():
     found = at_500_hertz()
     assert found.stable
     assert (np.diff(found.eigenvalues.real) <= 1e-12).all()
@@ -105,25 +107,30 @@ def test_a_team_that_flies_is_not_called_unstable():
 
 
 @pytest.mark.long
-def test_a_leader_with_a_memory_adds_its_own_modes():
+def test_stateful_payload_controller_adds_modes():
     def slow(found: stability.Modes) -> int:
-        return int((found.eigenvalues.real > -50).sum())  # rad/s; some are gone within a tick or two
+        return int((found.eigenvalues.real > -50).sum())  # rad/s; some decay within one or two steps
 
     with_integral = stability.modes_at_equilibrium(
-        paper.with_pilot(plan(), payload_controller=paper.plan("integral").controller.payload_controller), z()
+        paper.with_controller(
+            study_experiment(), payload_controller=paper.paper_experiment("integral").controller.payload_controller
+        ),
+        z(),
     )
     assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
 
 
 @pytest.mark.long
-def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
-    """Twenty ticks a second: the same team and gains, sampled and held for longer than its attitudes stand.
+def test_slow_control_rate_is_unstable(monkeypatch):
+    """At 20 Hz the same team and gains are unstable, in the linearization and in simulation.
 
     The loop as it flies follows the mode that grows, for as long as it is small.
     """
-    monkeypatch.setattr(flight, "CHUNK_DURATION", 12.5)  # as many ticks as half a second has at 500 Hz: one program
-    slow = plan(20.0)
+    monkeypatch.setattr(
+        flight, "CHUNK_DURATION", 12.5
+    )  # as many steps as half a second at 500 Hz: the same compiled program
+    slow = study_experiment(20.0)
     x, M = stability.equilibrium_and_jacobian(slow, z())
     found = stability.modes_at_equilibrium(slow, z())
     assert not found.stable
@@ -133,24 +140,24 @@ def test_too_slow_a_control_rate_is_called_unstable_and_is(monkeypatch):
     d = np.real(vectors[:, worst])
     d *= 1e-6 / np.abs(d).max()
     grown = np.linalg.matrix_power(M, 4) @ d
-    off = flown(slow, x, d, 4) - flown(slow, x, 0 * d, 4)  # less what is left of motion at the rest
+    off = simulated(slow, x, d, 4) - simulated(slow, x, 0 * d, 4)  # less what is left of motion at the rest
     np.testing.assert_allclose(off, grown, atol=1e-3 * np.abs(grown).max())
 
 
-def test_no_rest_is_said():
-    nowhere = dataclasses.replace(paper.plan("C1").controller.reference, center=jnp.full(3, np.nan))
+def test_missing_equilibrium_is_reported():
+    nowhere = dataclasses.replace(paper.paper_experiment("C1").controller.reference, center=jnp.full(3, np.nan))
     with pytest.raises(ValueError, match="no equilibrium near the start of its reference"):
-        stability.modes_at_equilibrium(paper.with_pilot(plan(), reference=nowhere), z())
+        stability.modes_at_equilibrium(paper.with_controller(study_experiment(), reference=nowhere), z())
 
 
 def modes_of(y: np.ndarray, dt: float) -> np.ndarray:
-    """Continuous-time modes of a signal that is one damped oscillation: `y_{k+2} = a y_{k+1} + b y_k`."""
+    """Return continuous-time modes of a damped oscillation that follows `y_{k+2} = a y_{k+1} + b y_k`."""
     (a, b), *_ = np.linalg.lstsq(np.stack([y[1:-1], y[:-2]], axis=1), y[2:], rcond=None)
     return np.log(np.roots([1, -a, -b]).astype(complex)) / dt
 
 
-def test_the_slowest_mode_is_how_the_flown_loop_settles():
-    """What the log of a whole flight shows last is the slowest mode alone."""
+def test_slowest_mode_is_the_decay_of_the_simulation():
+    """At the end of a simulation only the slowest mode remains."""
     found = at_500_hertz()
     assert found.describe_slowest().endswith("largest in theta_z")
     flown = modes_of(settled().e_R[1000:2500:50, 2], 0.1)  # from 2 s to 5 s
@@ -158,7 +165,7 @@ def test_the_slowest_mode_is_how_the_flown_loop_settles():
         assert np.abs(found.eigenvalues[:2] - value).min() < 0.01 * abs(value)
 
 
-def test_modes_name_what_moves():
+def test_modes_name_their_coordinates():
     shape = np.zeros((2, 6))
     shape[0, 4] = 1.0
     none = {"attitude": np.zeros((2, 0, 3)), "joints": np.zeros((2, 0))}
@@ -176,25 +183,27 @@ def test_modes_name_what_moves():
 
 @functools.cache
 def three_bodies(delay_s: float = 0.0) -> tuple[stability.LoopStateTree, np.ndarray]:
-    """Rest and derivative of the smallest team, whose commands are all the later by a delay."""
+    """Equilibrium and derivative of the smallest team, with a delay of the commands."""
     motors = {"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": delay_s}
     settings = light.settings(actuators=motors)
-    plan = experiment.make_experiment(settings, "C1")
-    return stability.equilibrium_and_jacobian(plan, initial_states.equilibrium_state(settings, plan.world.team))
+    one_experiment = experiment.make_experiment(settings, "C1")
+    return stability.equilibrium_and_jacobian(
+        one_experiment, initial_states.equilibrium_state(settings, one_experiment.world.team)
+    )
 
 
 @pytest.mark.long
-def test_from_where_a_loop_has_settled_the_rest_is_the_same():
-    plan = experiment.make_experiment(light.settings(), "C1")
+def test_equilibrium_does_not_depend_on_the_start():
+    one_experiment = experiment.make_experiment(light.settings(), "C1")
     setup, loop, noise = stability._undisturbed_loop(
-        plan, initial_states.equilibrium_state(light.settings(), plan.world.team)
+        one_experiment, initial_states.equilibrium_state(light.settings(), one_experiment.world.team)
     )
     settled = stability._simulate_settling(setup, loop, noise)
-    assert int(settled.tick) == int(loop.tick), "its clock was held"
+    assert int(settled.tick) == int(loop.tick), "the clock is constant"
     apart = stability._coordinates(
         stability._select_states(loop), jax.tree.map(lambda leaf: leaf[None], stability._select_states(settled))
     )
-    assert np.abs(apart).max() > 1e-3, "rest is off the reference by what is not known of the payload"
+    assert np.abs(apart).max() > 1e-3, "the equilibrium is off the reference by the payload's parameter error"
     rests = [stability._newton_equilibrium(setup, of, noise) for of in (loop, settled)]
     (x, _), (y, _) = (found for found in rests if found)
     between = stability._coordinates(x, jax.tree.map(lambda leaf: leaf[None], y))
@@ -202,15 +211,15 @@ def test_from_where_a_loop_has_settled_the_rest_is_the_same():
 
 
 @pytest.mark.long
-def test_the_delay_margin_ends_where_the_loop_that_has_a_delay():
-    """The delay that actuators can have, of all that they move: the team has no joints."""
+def test_delay_margin_is_the_stability_limit():
+    """The limit of actuator delays; the team has no joints."""
     x, M = three_bodies()
     ticks = stability.delay_margin(x, M, 25)
     assert 1 <= ticks < 25
     command, world = stability._rows_of(x, r"\.controller\.last_command.*"), stability._rows_of(x, r"\.world.*")
-    memory = np.setdiff1d(np.arange(len(M)), world)
+    controller_rows = np.setdiff1d(np.arange(len(M)), world)
     B = np.zeros((len(M), len(command)))
-    B[world] = M[np.ix_(world, memory)] @ np.linalg.pinv(M[np.ix_(command, memory)])
+    B[world] = M[np.ix_(world, controller_rows)] @ np.linalg.pinv(M[np.ix_(command, controller_rows)])
     appended = [np.linalg.eigvals(stability._append_delay(M, B, M[command], k)) for k in (ticks, ticks + 1)]
     within = np.linalg.eigvals(three_bodies((ticks + 1) / 500)[1])
     slow = [values[np.abs(values) > 0.5] for values in (appended[1], within)]
@@ -223,8 +232,8 @@ def test_the_delay_margin_ends_where_the_loop_that_has_a_delay():
 
 
 @pytest.mark.long
-def test_the_gain_margin_ends_where_the_loop_of_stronger():
-    """The gain margin ends where the loop of stronger or weaker commands is unstable."""
+def test_gain_margin_is_the_stability_limit():
+    """Outside the gain margin the loop with larger or smaller commands is unstable."""
     x, M = three_bodies()
     least, greatest = stability.gain_margin(x, M)
     assert least < 1 < greatest
@@ -241,7 +250,7 @@ def test_the_gain_margin_ends_where_the_loop_of_stronger():
 
 
 @pytest.mark.long
-def test_a_memory_that_moves_no_command_has_no_delay_margin():
+def test_state_without_effect_has_no_delay_margin():
     x, M = three_bodies()
     M = M.copy()
     M[np.ix_(stability._rows_of(x, r"\.controller\.last_command.*"), stability._rows_of(x, r"\.controller.*"))] = 0
@@ -250,25 +259,29 @@ def test_a_memory_that_moves_no_command_has_no_delay_margin():
 
 
 @pytest.mark.long
-def test_a_command_that_next_to_nothing_moves_counts_on_neither():
-    """Of a team that `tune` came by, one command's singular value was 0.9e-7 by the memory and 1.4e-7 by all."""
+def test_delay_margin_of_nearly_unexcited_commands():
+    """Values of a tuned team: a command has singular value 0.9e-7 for the controller state and 1.4e-7 for all
+    states.
+    """
     x, M = three_bodies()
-    sent, world = (stability._rows_of(x, where) for where in (r"\.controller\.last_command\[\d+\]\..*", r"\.world\..*"))
-    memory = np.setdiff1d(np.arange(len(M)), world)
-    U, s, V = np.linalg.svd(M[np.ix_(sent, memory)], full_matrices=False)
+    commands, world = (
+        stability._rows_of(x, where) for where in (r"\.controller\.last_command\[\d+\]\..*", r"\.world\..*")
+    )
+    controller_rows = np.setdiff1d(np.arange(len(M)), world)
+    U, s, V = np.linalg.svd(M[np.ix_(commands, controller_rows)], full_matrices=False)
     s[-1] = 0.9e-7 * s[0]
     M = M.copy()
-    M[np.ix_(sent, memory)] = (U * s) @ V
-    M[np.ix_(sent, world)] -= np.outer(U[:, -1], U[:, -1] @ M[np.ix_(sent, world)])
-    M[np.ix_(sent, world[:1])] += 1.1e-7 * s[0] * U[:, -1:]
-    ranks = [np.linalg.matrix_rank(K, rtol=1e-7) for K in (M[np.ix_(sent, memory)], M[sent])]
+    M[np.ix_(commands, controller_rows)] = (U * s) @ V
+    M[np.ix_(commands, world)] -= np.outer(U[:, -1], U[:, -1] @ M[np.ix_(commands, world)])
+    M[np.ix_(commands, world[:1])] += 1.1e-7 * s[0] * U[:, -1:]
+    ranks = [np.linalg.matrix_rank(K, rtol=1e-7) for K in (M[np.ix_(commands, controller_rows)], M[commands])]
     assert ranks[0] < ranks[1]
     assert np.isfinite(stability.with_input_delay(x, M, 2)).all()
 
 
 @pytest.mark.long
-def test_the_slowest_mode_of_a_loop_that_is_a_little_different():
-    """The slowest mode of a loop that is a little different is known to first order."""
+def test_slowest_mode_has_first_order_sensitivity():
+    """The slowest mode of a slightly different loop follows from first-order perturbation."""
     x, M = three_bodies()
     now = stability.compute_modes(x, M, 1 / 500).slowest_eigenvalue[0]
     for factor in (1.0, 1.1):
@@ -276,15 +289,19 @@ def test_the_slowest_mode_of_a_loop_that_is_a_little_different():
             actuators={"kind": "motors", "bandwidth_Hz": 1e6, "delay_s": 0.0},
             control=light.SAMPLE.control.model_copy(update={"k_omega": 14.0 * factor, "agent_k_omega": 28.0 * factor}),
         )
-        plan = experiment.make_experiment(settings, "C1")
-        z = initial_states.equilibrium_state(settings, plan.world.team)
-        true = stability.modes_at_equilibrium(plan, z).slowest_eigenvalue[0]
-        assert abs(stability.predict_growth_rate(plan, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(now)
+        one_experiment = experiment.make_experiment(settings, "C1")
+        z = initial_states.equilibrium_state(settings, one_experiment.world.team)
+        true = stability.modes_at_equilibrium(one_experiment, z).slowest_eigenvalue[0]
+        assert abs(stability.predict_growth_rate(one_experiment, z, x, M) - true) < 0.3 * abs(true - now) + 1e-3 * abs(
+            now
+        )
     assert abs(true - now) > 0.02 * abs(now)
 
 
-def test_sensors_with_a_clock_of_their_own_read_at_every_tick():
-    """The loop's clock is held there: theirs would never be due again, and a drift would start at every tick."""
+def test_intermittent_sensors_are_sampled_every_step():
+    """The clock of the loop is constant there, so that intermittent sensors would never sample and a drift would
+    restart.
+    """
     of, number = experiment.make_experiment(light.settings(), "C1"), functools.partial(jnp.array, dtype=float)
     rare = sensors.Intermittent(
         channels=("payload.p", "agents.x"),
@@ -297,8 +314,8 @@ def test_sensors_with_a_clock_of_their_own_read_at_every_tick():
     )
 
     def rates(*extra: sensors.SensorModel) -> np.ndarray:
-        plan = dataclasses.replace(of, world=dataclasses.replace(of.world, sensor_models=extra))
-        return stability.modes_at_equilibrium(plan, of.initial_state).eigenvalues[:12].real  # of the slowest
+        one_experiment = dataclasses.replace(of, world=dataclasses.replace(of.world, sensor_models=extra))
+        return stability.modes_at_equilibrium(one_experiment, of.initial_state).eigenvalues[:12].real  # of the slowest
 
     expected = rates()
     np.testing.assert_allclose(rates(drift, rare), expected, atol=1e-4)
@@ -307,10 +324,10 @@ def test_sensors_with_a_clock_of_their_own_read_at_every_tick():
     assert abs(late - expected).max() > 0.01
 
 
-def test_second_moments_of_what_labels_say_are_no_motion():
-    """At rest they are nothing to first order; as coordinates they went negative on the way there."""
-    carried = stability._select_states(simulator.reset(paper.plan("label_feedback").loop_config, z()))
-    of_filter = [key for key in carried if ".innovation." in key]
+def test_second_moments_are_excluded_from_the_state():
+    """At equilibrium they vanish to first order; as coordinates they became negative in the Newton iteration."""
+    states = stability._select_states(simulator.reset(paper.paper_experiment("label_feedback").loop_config, z()))
+    of_filter = [key for key in states if ".innovation." in key]
     assert any(".comovement.label_lowpass." in key for key in of_filter)
     second = (
         "delay_error_ms",
@@ -326,9 +343,9 @@ def test_second_moments_of_what_labels_say_are_no_motion():
 
 @pytest.mark.long
 @pytest.mark.parametrize("case", ["label_feedback", "adaptive"])
-def test_a_loop_that_hears_labels_rests_and_decays(case):
-    """A loop that hears labels rests and decays as the one without."""
-    heard = stability.modes_at_equilibrium(paper.plan(case), z())
-    assert heard.stable
-    alone, slowest = at_500_hertz().eigenvalues[0], heard.eigenvalues[0]  # of a pair either may come first
+def test_label_feedback_changes_the_slowest_mode_little(case):
+    """The loop with label feedback has an equilibrium and decays like the loop without."""
+    with_labels = stability.modes_at_equilibrium(paper.paper_experiment(case), z())
+    assert with_labels.stable
+    alone, slowest = at_500_hertz().eigenvalues[0], with_labels.eigenvalues[0]  # the order within a pair is arbitrary
     np.testing.assert_allclose([slowest.real, abs(slowest.imag)], [alone.real, abs(alone.imag)], rtol=0.2)

@@ -1,4 +1,4 @@
-"""What a flight's radii rest on and do not show: each named where it is not covered, and nowhere else."""
+"""Tests of the unproven assumptions of a flight's bounds: each is named exactly where it is not covered."""
 
 from __future__ import annotations
 
@@ -18,68 +18,68 @@ OTHER = ("tip_force_bandwidth",)
 READINGS = [x.name for x in dataclasses.fields(sensors.SensorNoise) if x.name not in OTHER]
 
 
-def world(plan: flight.Experiment, **parts: object) -> flight.Experiment:
-    """A plan in another world."""
-    return dataclasses.replace(plan, world=dataclasses.replace(plan.world, **parts))
+def world(one: flight.Experiment, **parts: object) -> flight.Experiment:
+    """Return an experiment in another world."""
+    return dataclasses.replace(one, world=dataclasses.replace(one.world, **parts))
 
 
-def quiet(**deviations: float) -> flight.Experiment:
-    """The paper's C3 with exact sensors, but for those given."""
-    given = dict.fromkeys(READINGS, 0.0) | deviations
-    sensors = {name: paper.number(x) for name, x in given.items()}
-    plan = paper.plan("C3")
-    return world(plan, sensors=dataclasses.replace(plan.world.sensors, **sensors))
+def exact_sensors(**deviations: float) -> flight.Experiment:
+    """Return the paper's C3 with exact sensors, except those given."""
+    values = dict.fromkeys(READINGS, 0.0) | deviations
+    sensors = {name: paper.number(x) for name, x in values.items()}
+    one = paper.paper_experiment("C3")
+    return world(one, sensors=dataclasses.replace(one.world.sensors, **sensors))
 
 
-def found(plan: flight.Experiment, limited: bool = False, whole: bool = True) -> tuple[str, ...]:
-    """What a certificate on it says."""
-    return assumptions.certificate_assumptions(plan, limited, whole)
+def assumptions_of(one: flight.Experiment, limited: bool = False, whole: bool = True) -> tuple[str, ...]:
+    """Return the assumptions that a certificate of the experiment names."""
+    return assumptions.certificate_assumptions(one, limited, whole)
 
 
-def test_with_any_name_the_word_is_assumed():
+def test_status_is_assumed_with_any_assumption():
     assert assumptions.status_label(()) == "certified"
     assert assumptions.status_label(("norm",)) == "assumed"
 
 
-def test_first_order_is_assumed_of_every_flight_and_the_rest():
-    """First order is assumed of every flight and the rest where it is not covered."""
-    assert found(quiet()) == ALWAYS
-    assert found(paper.plan("C3")) == (*ALWAYS, assumptions.NOISE)
-    assert found(quiet(), limited=True) == (*ALWAYS, assumptions.SATURATION)
-    assert found(quiet(), whole=False) == (*ALWAYS, assumptions.PERIODICITY)
+def test_assumptions_are_named_where_not_covered():
+    """First order is assumed of every flight, all others where they are not covered."""
+    assert assumptions_of(exact_sensors()) == ALWAYS
+    assert assumptions_of(paper.paper_experiment("C3")) == (*ALWAYS, assumptions.NOISE)
+    assert assumptions_of(exact_sensors(), limited=True) == (*ALWAYS, assumptions.SATURATION)
+    assert assumptions_of(exact_sensors(), whole=False) == (*ALWAYS, assumptions.PERIODICITY)
 
 
 @pytest.mark.parametrize("reading", READINGS)
-def test_any_noise_or_bias_of_a_reading_is_noise(reading):
-    assert assumptions.has_sensor_noise(quiet(**{reading: 1e-6}).world.sensors)
+def test_noise_and_bias_of_any_sensor_count_as_noise(reading):
+    assert assumptions.has_sensor_noise(exact_sensors(**{reading: 1e-6}).world.sensors)
 
 
-def test_the_study_s_own_sensors_are_noisy_and_exact_ones():
-    """The study is own sensors are noisy and exact ones are not."""
-    assert assumptions.has_sensor_noise(paper.plan("C3").world.sensors)
-    assert not assumptions.has_sensor_noise(quiet().world.sensors)
+def test_noise_is_assumed_for_the_study_sensors():
+    """The sensors of the study have noise; exact sensors have none."""
+    assert assumptions.has_sensor_noise(paper.paper_experiment("C3").world.sensors)
+    assert not assumptions.has_sensor_noise(exact_sensors().world.sensors)
 
 
-def test_a_source_that_changes_with_time_is_assumed_steady(monkeypatch):
-    """Its law says so: the settings' wind, made to."""
-    plan = quiet()
-    assert time_varying_names(plan.world.disturbances) == ()
+def test_time_varying_source_is_assumed_steady(monkeypatch):
+    """For a wind whose model reports a dependence on time."""
+    one = exact_sensors()
+    assert time_varying_names(one.world.disturbances) == ()
     monkeypatch.setattr(Wind, "time_invariant", False)
     named = ("time invariance of load_wind", "time invariance of agent_wind")
-    assert found(plan) == (*ALWAYS, *named)
-    assert assumptions.radius_assumptions(plan)[-2:] == named
-    none = dataclasses.replace(plan.world.disturbances, payload=(), agents=((),))
-    assert found(world(plan, disturbances=none)) == ALWAYS
+    assert assumptions_of(one) == (*ALWAYS, *named)
+    assert assumptions.radius_assumptions(one)[-2:] == named
+    none = dataclasses.replace(one.world.disturbances, payload=(), agents=((),))
+    assert assumptions_of(world(one, disturbances=none)) == ALWAYS
 
 
-def test_radii_along_a_run_rest_on_the_estimated_state():
-    """Radii along a run rest on the estimated state and of some rivals on a posterior mean."""
-    bound = paper.plan("C3").bound_assumptions.assumed
+def test_run_bounds_assume_the_estimated_state():
+    """Bounds along a run assume the estimated state, and for some baselines a posterior mean."""
+    bound = paper.paper_experiment("C3").bound_assumptions.assumed
     assert bound == ("rkhs norm", "bounded noise energy")
-    assert assumptions.radius_assumptions(quiet()) == (*bound, assumptions.SAMPLED)
+    assert assumptions.radius_assumptions(exact_sensors()) == (*bound, assumptions.SAMPLED)
     cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))
-    for case, plan in cases.items():
-        rival = case in (
+    for case, one in cases.items():
+        is_baseline = case in (
             "disturbance_observer",
             "parametric",
             "true_residual",
@@ -87,11 +87,11 @@ def test_radii_along_a_run_rest_on_the_estimated_state():
             "regression",
             "gp_label_feedback",
         )
-        expected = (*bound, assumptions.NOISE, assumptions.SAMPLED, *((assumptions.MEAN,) if rival else ()))
-        assert assumptions.radius_assumptions(plan) == expected, case
+        expected = (*bound, assumptions.NOISE, assumptions.SAMPLED, *((assumptions.MEAN,) if is_baseline else ()))
+        assert assumptions.radius_assumptions(one) == expected, case
 
 
-def test_sources_carry_the_names_of_the_scenario():
+def test_sources_have_the_names_of_the_scenario():
     sources = disturbances.make_disturbances(paper.SETTINGS)
     named = {mount.name for mount in (*sources.payload, *sources.agents[0])}
     assert named == {source.name for source in paper.SETTINGS.disturbances if source.kind != "joint_friction"}

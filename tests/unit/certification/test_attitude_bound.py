@@ -1,4 +1,4 @@
-"""The attitude's certificate: its identities by automatic differentiation, and no flight on SO(3) that leaves it."""
+"""Tests of the attitude bound: its identities by automatic differentiation, and simulations on SO(3)."""
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ def rate_gain(damping, k_R=STIFFNESS):
 
 
 def errors(rng, count, greatest=3.0):
-    """Attitude errors up to that angle and rates, of all directions and sizes."""
+    """Attitude errors up to that angle, and rates, of all directions and magnitudes."""
     axis = rng.normal(size=(count, 3))
     phi = axis / np.linalg.norm(axis, axis=1, keepdims=True) * rng.uniform(0.01, greatest, (count, 1))
     return so3.exp(jnp.asarray(phi)), jnp.asarray(rng.normal(size=(count, 3)) * rng.uniform(0, 8, (count, 1)))
@@ -33,19 +33,19 @@ def angle_of(Q):
     return np.linalg.norm(so3.log(Q), axis=-1)
 
 
-# -- the equations behind it -------------------------------------------------------------------------------------------
+# -- equations ---------------------------------------------------------------------------------------------------------
 
 
 def papers_V(e_p, e_v, Q, w, k_R):
-    """The V of the paper's proof for `m_L = 1`, `J_L = I`, `K_p = 5`."""
+    """Return the V of the paper's proof for `m_L = 1`, `J_L = I`, `K_p = 5`."""
     e_R = so3.e_R(Q, jnp.eye(3))
     return (e_v @ e_v + 5.0 * e_p @ e_p + w @ w + k_R * e_R @ e_R) / 2
 
 
 @given(seeds)
 @settings(max_examples=20)
-def test_the_paper_s_V_need_not_fall_and_may_grow(seed):
-    """Eq. Vdot_bound_38 to the comparison lemma: `V' <= -c2 V` fails at zero rates, and the cross terms stay.
+def test_V_of_the_paper_may_grow(seed):
+    """Eq. Vdot_bound_38 to the comparison lemma: `V' <= -c2 V` fails at zero rates, and cross terms remain.
 
     `V' = -k_omega |w|^2 + k_R e_R . (E - I) w` in rotation, positive for a slow turn back to the desired attitude.
     """
@@ -65,8 +65,8 @@ def test_the_paper_s_V_need_not_fall_and_may_grow(seed):
 
 
 @jax.jit
-def half_way_rates(Q, w, d, k_R, k_omega):
-    """`(phi, Omega)` and their rates along the paper's equations, by automatic differentiation."""
+def midpoint_rates(Q, w, d, k_R, k_omega):
+    """Return `(phi, Omega)` and their rates along the paper's equations, by automatic differentiation."""
 
     def half_way(Q, w):
         phi = so3.log(Q)
@@ -77,12 +77,12 @@ def half_way_rates(Q, w, d, k_R, k_omega):
 
 @given(seeds)
 @settings(max_examples=20)
-def test_half_way_between_the_attitudes_the_equations_are_linear(seed):
-    """`phi' = Omega + (...) Omega_across`; the turning of the half-way frame does no work and is small."""
+def test_midpoint_error_equations_are_linear(seed):
+    """`phi' = Omega + (...) Omega_across`; the rotation of the midpoint frame does no work and is small."""
     rng = np.random.default_rng(seed)
     Q, w = errors(rng, 32)
     d, k_R, k_omega = jnp.asarray(rng.normal(size=(32, 3))), 60.0, 14.0
-    (phi, Omega), (phi_dot, Omega_dot) = (map(np.asarray, x) for x in half_way_rates(Q, w, d, k_R, k_omega))
+    (phi, Omega), (phi_dot, Omega_dot) = (map(np.asarray, x) for x in midpoint_rates(Q, w, d, k_R, k_omega))
     theta = np.linalg.norm(phi, axis=-1, keepdims=True)
     n = phi / theta
     across = Omega - n * (n * Omega).sum(-1, keepdims=True)
@@ -96,7 +96,7 @@ def test_half_way_between_the_attitudes_the_equations_are_linear(seed):
 
 @given(dampings, st.floats(1.0, 300.0))
 @settings(max_examples=20)
-def test_peak_gains_are_the_areas_under_the_responses(damping, k_R):
+def test_peak_gains_are_integrals_of_responses(damping, k_R):
     k_omega = rate_gain(damping, k_R)
     h = 2e-3 / k_R**0.5
     step, power, area = expm(np.array([[0, 1], [-k_R, -k_omega]]) * h), np.eye(2), np.zeros((2, 2))
@@ -108,8 +108,8 @@ def test_peak_gains_are_the_areas_under_the_responses(damping, k_R):
 
 
 @jax.jit
-def fall(Q, w, a, c, k_R, k_omega, rho):
-    """V, its rate against the worst disturbance (by automatic differentiation), `e_R` and `Psi`."""
+def lyapunov_rate(Q, w, a, c, k_R, k_omega, rho):
+    """Return V, its rate under the worst disturbance (by automatic differentiation), `e_R` and `Psi`."""
 
     def V(Q, w):
         e_R = so3.e_R(Q, jnp.eye(3))
@@ -126,12 +126,12 @@ def fall(Q, w, a, c, k_R, k_omega, rho):
 
 @given(seeds, dampings, sizes)
 @settings(max_examples=20)
-def test_V_falls_as_fast_as_is_said_against_the_worst(seed, damping, size):
+def test_V_decreases_at_the_stated_rate(seed, damping, size):
     """`V' <= -q + sqrt(q q_star)` everywhere, and `V' < 0` in the region above the ultimate level."""
     k_R, k_omega, rho = STIFFNESS, rate_gain(damping), size * STIFFNESS
     region = attitude_bound.region_of_attraction(k_R, k_omega, rho)
     Q, w = errors(np.random.default_rng(seed), 4000, np.pi)
-    V, V_dot, e_R, Psi = map(np.asarray, fall(Q, w, region.a, region.c, k_R, k_omega, rho))
+    V, V_dot, e_R, Psi = map(np.asarray, lyapunov_rate(Q, w, region.a, region.c, k_R, k_omega, rho))
     q = (k_omega - region.c) * np.sum(np.square(w), axis=-1) + region.c * k_R * (e_R**2).sum(-1)
     q_star = rho**2 * (1 / (k_omega - region.c) + region.c / k_R)
     assert (V_dot <= -q + np.sqrt(q * q_star) + 1e-6).all()
@@ -140,20 +140,20 @@ def test_V_falls_as_fast_as_is_said_against_the_worst(seed, damping, size):
     assert (V_dot[above] < 0).all()
 
 
-# -- flights -----------------------------------------------------------------------------------------------------------
+# -- simulations -------------------------------------------------------------------------------------------------------
 
 
 @jax.jit
-def fly(Q, w, d, k_R, k_omega, h):
-    """Angles and |e_omega| along flights from many starts."""
-    Q, w = jax.vmap(evidence.fly, (0, 0, 0, None, None, None))(Q, w, d, k_R, k_omega, h)
+def simulate(Q, w, d, k_R, k_omega, h):
+    """Return angles and |e_omega| of simulations from many initial states."""
+    Q, w = jax.vmap(evidence.simulate, (0, 0, 0, None, None, None))(Q, w, d, k_R, k_omega, h)
     return jnp.linalg.norm(so3.log(Q), axis=-1), jnp.linalg.norm(w, axis=-1)
 
 
 @pytest.mark.parametrize("damping", [0.5, evidence.PAPERS_RATE_GAIN / 2 / STIFFNESS**0.5, 1.5])
 @pytest.mark.parametrize("size", [evidence.UP_TO])
-def test_bounds_are_close_to_the_worst_disturbance_found(damping, size):
-    """The issue asks for 1.35; `evidence/rotation.py` is the same search with more starts."""
+def test_bound_is_close_to_the_worst_case_found(damping, size):
+    """The required ratio is 1.35; `evidence/rotation.py` is the same search with more initial states."""
     ratios = evidence.compare(damping, size, count=16, rounds=12)
     assert all(ratio >= 1 for ratio in ratios.values())
     assert max(ratios["e_R"], ratios["angle"], ratios["e_omega"]) <= 1.05
@@ -162,13 +162,13 @@ def test_bounds_are_close_to_the_worst_disturbance_found(damping, size):
 @pytest.mark.long
 @given(seeds, st.sampled_from([0.5, 0.9, 1.5]), st.sampled_from([0.05, 0.17, 0.3]))
 @settings(max_examples=9)
-def test_from_anywhere_in_the_region_flights_settle_within(seed, z, size):
-    """From anywhere in the region flights settle within the bounds and from rest never leave them."""
+def test_region_of_attraction_settles_within_the_bound(seed, z, size):
+    """From the whole region simulations settle within the bounds; from rest they never leave them."""
     k_R, k_omega, rho = STIFFNESS, rate_gain(z), size * STIFFNESS
     bound, rng = attitude_bound.ultimate_bound(k_R, k_omega, rho), np.random.default_rng(seed)
     h = evidence.horizon(k_R, k_omega) / evidence.STEPS
     d = rho * evidence.starts(jax.random.key(seed), 64, k_R, h)
-    angle, rate = fly(jnp.broadcast_to(jnp.eye(3), (64, 3, 3)), jnp.zeros((64, 3)), d, k_R, k_omega, h)
+    angle, rate = simulate(jnp.broadcast_to(jnp.eye(3), (64, 3, 3)), jnp.zeros((64, 3)), d, k_R, k_omega, h)
     assert angle.max() <= bound.angle_from_rest
     assert rate.max() <= bound.rate_from_rest
     Q, w = errors(rng, 64, bound.region.angle_at_rest)
@@ -176,14 +176,14 @@ def test_from_anywhere_in_the_region_flights_settle_within(seed, z, size):
     angle_0, rate_0 = angle_of(Q), np.linalg.norm(w, axis=-1)
     inside = np.array([bound.region.contains(float(a), float(r)) for a, r in zip(angle_0, rate_0, strict=True)])
     assert inside.sum() >= 16
-    angle, rate = (x[inside] for x in fly(Q, w, jnp.concatenate([d] * 3, axis=1), k_R, k_omega, h))
-    assert angle[:, -evidence.STEPS :].max() <= bound.angle * (1 + 1e-4)  # what is left of the start
+    angle, rate = (x[inside] for x in simulate(Q, w, jnp.concatenate([d] * 3, axis=1), k_R, k_omega, h))
+    assert angle[:, -evidence.STEPS :].max() <= bound.angle * (1 + 1e-4)  # remainder of the initial error
     assert rate[:, -evidence.STEPS :].max() <= bound.e_omega * (1 + 1e-4)
 
 
 @given(seeds, st.sampled_from([0.5, 0.9, 1.5]), st.floats(0.0, 0.8), st.floats(0.0, 2.0))
 @settings(max_examples=9)
-def test_no_flight_exceeds_the_bound_for_all_times(seed, z, angle_0, rate_0):
+def test_no_simulation_exceeds_the_bound(seed, z, angle_0, rate_0):
     k_R, k_omega, rho = STIFFNESS, rate_gain(z), 0.1 * STIFFNESS
     angle_bound, rate_bound = attitude_bound.transient_bound(k_R, k_omega, rho, angle_0, rate_0)
     assert np.isfinite(angle_bound)
@@ -193,18 +193,18 @@ def test_no_flight_exceeds_the_bound_for_all_times(seed, z, angle_0, rate_0):
         u[..., 0] * np.linspace(-1, 1, 64)[:, None] + u[..., 1] * (1 - np.linspace(-1, 1, 64)[:, None] ** 2) ** 0.5
     )
     d = rho * evidence.starts(jax.random.key(seed), 64, k_R, h)
-    angle, rate = fly(so3.exp(jnp.asarray(angle_0 * u[..., 0])), jnp.asarray(w), d, k_R, k_omega, h)
+    angle, rate = simulate(so3.exp(jnp.asarray(angle_0 * u[..., 0])), jnp.asarray(w), d, k_R, k_omega, h)
     assert angle.max() <= angle_bound
     assert rate.max() <= rate_bound
 
 
-# -- what a certificate says -------------------------------------------------------------------------------------------
+# -- bounds ------------------------------------------------------------------------------------------------------------
 
 
 @given(dampings, sizes, st.floats(0.2, 5.0))
 @settings(max_examples=20)
-def test_the_unit_of_time_does_not_matter_and_more_disturbance(damping, size, scale):
-    """The unit of time does not matter and more disturbance means more error."""
+def test_bound_is_unit_invariant_and_monotone(damping, size, scale):
+    """The bound does not depend on the unit of time and increases with the disturbance."""
     k_R, k_omega = STIFFNESS, rate_gain(damping)
     one = attitude_bound.ultimate_bound(k_R, k_omega, size * k_R)
     other = attitude_bound.ultimate_bound(k_R * scale**2, k_omega * scale, size * k_R * scale**2)
@@ -218,8 +218,8 @@ def test_the_unit_of_time_does_not_matter_and_more_disturbance(damping, size, sc
     assert one.Psi == pytest.approx(1 - np.cos(one.angle))
 
 
-def test_without_disturbance_nothing_is_left_and_nearly():
-    """Without disturbance nothing is left and nearly every attitude is covered."""
+def test_bound_without_disturbance_is_zero():
+    """Without disturbance the bound is zero and the region contains nearly every attitude."""
     nothing = attitude_bound.ultimate_bound(60.0, 14.0, 0.0)
     assert nothing.angle == nothing.e_omega == nothing.angle_from_rest == 0.0
     assert nothing.region.angle_at_rest > np.radians(179.9)
@@ -227,8 +227,8 @@ def test_without_disturbance_nothing_is_left_and_nearly():
 
 @given(dampings)
 @settings(max_examples=10)
-def test_too_great_a_disturbance_is_refused_with_the_greatest(damping):
-    """Too great a disturbance is refused with the greatest that is not."""
+def test_too_large_disturbance_is_refused_with_the_limit(damping):
+    """A disturbance that is too large is refused with the largest admissible one."""
     k_R, k_omega = STIFFNESS, rate_gain(damping)
     greatest = attitude_bound.max_disturbance(k_R, k_omega)
     assert 0.2 * k_R < greatest < k_R
@@ -246,7 +246,7 @@ def test_too_great_a_disturbance_is_refused_with_the_greatest(damping):
         (60.0, 14.0, -1.0, "rho = -1.0 rad/s\\^2"),
     ],
 )
-def test_gains_that_give_no_bound_are_refused(k_R, k_omega, rho, message):
+def test_gains_without_bound_are_refused(k_R, k_omega, rho, message):
     with pytest.raises(ValueError, match=message):
         attitude_bound.ultimate_bound(k_R, k_omega, rho)
 

@@ -1,4 +1,6 @@
-"""The loop along a flight: against flights with the unknown and with noise, and its sums against the recursion."""
+"""Tests of the loop linearized along a trajectory: against simulations with residuals and noise, and its sums against
+the recursion.
+"""
 
 from __future__ import annotations
 
@@ -20,104 +22,118 @@ from tests.support.paper_flights import with_world
 seeds = st.integers(0, 2**31)
 
 
-# Against flights ------------------------------------------------------------------------------------------------------
+# Comparison with simulations ------------------------------------------------------------------------------------------
 
 
-def test_under_its_own_oracles_at_their_times_a_flight():
-    """Without noise, and without a school; labels alone differ, which nobody hears."""
+def test_run_with_stored_models_repeats_the_flight():
+    """The flight's models at their times repeat it without updates; only unused label states differ."""
     of = made()
-    plan = dataclasses.replace(of.experiment, update_times=())
-    rows, loops = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, [0, 1000])
+    nominal_experiment = dataclasses.replace(of.experiment, update_times=())
+    rows, loops = linearized_trajectory.simulate_nominal(nominal_experiment, of.flight.model_intervals, [0, 1000])
     for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.records, name), err_msg=name)
     assert [int(loop.tick) for loop in loops] == [0, 1000]
 
 
-def unknown(of: object, rows: signals.StepRecord) -> np.ndarray:
-    """`f~` at the states of a flight: the drawn forces less the last oracle's means, (ticks, inputs)."""
-    (function,), oracle = of.experiment.world.disturbances.state_functions, of.flight.model
+def remaining_residual(of: object, rows: signals.StepRecord) -> np.ndarray:
+    """Return `f~` along a flight: the drawn forces minus the means of the last model, (ticks, inputs)."""
+    (function,), last_model = of.experiment.world.disturbances.state_functions, of.flight.model
     truth, means = function.model, jax.jit(jax.vmap(gp.mean, (None, 0)))
     x, (agents,) = signals.model_inputs(of.experiment.world.team, rows)
-    first = oracle.features.payload(jnp.asarray(x))
-    parts = [means(truth.payload, first) - means(oracle.payload, first)]
+    first = last_model.features.payload(jnp.asarray(x))
+    parts = [means(truth.payload, first) - means(last_model.payload, first)]
     for j in range(agents.shape[1]):
-        f, model = (jax.tree.map(lambda leaf, j=j: leaf[j], one.agents[0]) for one in (truth, oracle))
+        f, model = (jax.tree.map(lambda leaf, j=j: leaf[j], one.agents[0]) for one in (truth, last_model))
         parts.append(means(f, jnp.asarray(agents[:, j])) - means(model, jnp.asarray(agents[:, j])))
     return np.concatenate(parts, axis=1)
 
 
 @pytest.mark.parametrize("flight", [made, pytest.param(late, marks=pytest.mark.long)])
-def test_what_the_unknown_forces_bring_about_is_their_sum(flight):
-    """Of all errors, through the updates: sampling, estimator and means with their slopes are in it."""
+def test_response_to_residuals_is_their_weighted_sum(flight):
+    """For all errors, across updates: sampling, estimator, and gradients of the means are included."""
     of = flight()
     loop, names = of.nominal_linearization, ("e_p", "e_v", "e_R", "e_omega", "u")
     at = np.arange(10, len(loop.nodes), 7)
-    told = np.einsum(
+    predicted = np.einsum(
         "trki,ki->tr",
         linearized_trajectory.adjoint_weights(loop, loop.output_rows(*names), at),
-        unknown(of, of.flight.records)[loop.nodes],
+        remaining_residual(of, of.flight.records)[loop.nodes],
     )
     ticks = loop.nodes[at]
     found = [np.asarray(getattr(of.flight.records, name) - getattr(loop.records, name))[ticks] for name in names]
-    for one, part in zip(found, np.split(told, np.cumsum([x.shape[1] for x in found])[:-1], axis=1), strict=True):
+    for one, part in zip(found, np.split(predicted, np.cumsum([x.shape[1] for x in found])[:-1], axis=1), strict=True):
         assert np.abs(one - part).max() < 0.03 * np.abs(one).max()
         after = loop.t[at] > LAST + 1.5
         assert not after.any() or np.abs(one - part)[after].max() < 0.02 * np.abs(one[after]).max()
 
 
-def test_nothing_else_that_a_loop_remembers_moves_a_command():
-    """Nothing else that a loop remembers moves a command or the plant."""
+def test_other_states_of_the_loop_have_no_effect():
+    """Other states of the loop change neither commands nor plant."""
     of = made()
-    plan = dataclasses.replace(nominal_run.nominal_experiment(of.experiment, of.flight.model), duration=8.0)
+    nominal_experiment = dataclasses.replace(
+        nominal_run.nominal_experiment(of.experiment, of.flight.model), duration=8.0
+    )
     nodes = np.array([1500])
-    rows, (loop,) = linearized_trajectory.simulate_nominal(plan, of.flight.model_intervals, nodes)
+    rows, (loop,) = linearized_trajectory.simulate_nominal(nominal_experiment, of.flight.model_intervals, nodes)
     setup = dataclasses.replace(
-        plan.loop_config, controller=dataclasses.replace(plan.controller, residual_model=of.flight.model)
+        nominal_experiment.loop_config,
+        controller=dataclasses.replace(nominal_experiment.controller, residual_model=of.flight.model),
     )
     rng = np.random.default_rng(0)
     other = jax.tree.map(lambda x: x + rng.normal(size=x.shape) if x.dtype == float else x, loop)
     other = linearized_trajectory._with(other, linearized_trajectory._moving(loop))
-    warm = {name: getattr(loop.controller.estimator, name) for name in ("time_since_label", "initialized")}
-    memory = dataclasses.replace(other.controller, estimator=dataclasses.replace(other.controller.estimator, **warm))
-    memory = dataclasses.replace(memory, initialized=loop.controller.initialized, recorder=loop.controller.recorder)
-    other = dataclasses.replace(other, controller=memory)
-    quiet = jax.tree.map(jnp.zeros_like, plan.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(plan)))
-    (a, seen), (b, same) = (simulator.rollout(setup, one, quiet, jnp.asarray(3)) for one in (loop, other))
+    flags = {name: getattr(loop.controller.estimator, name) for name in ("time_since_label", "initialized")}
+    controller_state = dataclasses.replace(
+        other.controller, estimator=dataclasses.replace(other.controller.estimator, **flags)
+    )
+    controller_state = dataclasses.replace(
+        controller_state, initialized=loop.controller.initialized, recorder=loop.controller.recorder
+    )
+    other = dataclasses.replace(other, controller=controller_state)
+    zero_noise = jax.tree.map(
+        jnp.zeros_like,
+        nominal_experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(nominal_experiment)),
+    )
+    (a, row), (b, row_other) = (simulator.rollout(setup, one, zero_noise, jnp.asarray(3)) for one in (loop, other))
     jax.tree.map(np.testing.assert_array_equal, linearized_trajectory._moving(a), linearized_trajectory._moving(b))
-    np.testing.assert_array_equal(seen.u, same.u)
+    np.testing.assert_array_equal(row.u, row_other.u)
     assert not np.array_equal(a.controller.estimator.modelled_wrench, b.controller.estimator.modelled_wrench)
-    np.testing.assert_array_equal(seen.p[0], rows.p[1500])
+    np.testing.assert_array_equal(row.p[0], rows.p[1500])
 
 
 @pytest.mark.long
-def test_what_noise_brings_about_has_the_deviations():
-    """A flight in the twin's world with noisy sensors, beside the twin: the RMS over its second half."""
+def test_noise_response_has_the_predicted_std():
+    """RMS over the second half of a simulation with noise relative to the nominal trajectory."""
     of = made()
     noisy = dict.fromkeys(
         ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
     )
     sensors = dataclasses.replace(of.experiment.world.sensors, **noisy)
     schedule = of.flight.model_intervals
-    plan = with_world(nominal_run.nominal_experiment(of.experiment, of.flight.model), sensors=sensors)
-    loop = linearized_trajectory.linearize_along(plan, schedule, noisy=True)
+    nominal_experiment = with_world(nominal_run.nominal_experiment(of.experiment, of.flight.model), sensors=sensors)
+    loop = linearized_trajectory.linearize_along(nominal_experiment, schedule, with_noise=True)
     np.testing.assert_array_equal(loop.records.p, of.nominal_linearization.records.p)
-    plan = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, residual_model=of.flight.model))
-    flown = [flight.run_experiment(dataclasses.replace(plan, seed=seed)).records for seed in range(3)]
+    nominal_experiment = dataclasses.replace(
+        nominal_experiment,
+        controller=dataclasses.replace(nominal_experiment.controller, residual_model=of.flight.model),
+    )
+    flown = [flight.run_experiment(dataclasses.replace(nominal_experiment, seed=seed)).records for seed in range(3)]
     alone, _ = linearized_trajectory.simulate_nominal(
-        plan, [dataclasses.replace(of.flight.model_intervals[-1], start_tick=0)]
+        nominal_experiment, [dataclasses.replace(of.flight.model_intervals[-1], start_tick=0)]
     )
     for name in certificate.ERRORS:
-        told = linearized_trajectory.noise_std(loop, loop.output_rows(name))[loop.t > 5]
-        seen = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
-        ratio = np.sqrt((seen**2).mean() / (told**2).mean())
+        predicted = linearized_trajectory.noise_std(loop, loop.output_rows(name))[loop.t > 5]
+        row = np.concatenate([np.asarray(getattr(rows, name) - getattr(alone, name))[rows.t > 5] for rows in flown])
+        ratio = np.sqrt((row**2).mean() / (predicted**2).mean())
         assert 0.8 < ratio < 1.25, name
 
 
-def test_a_twin_that_meets_a_limit_has_no_variation():
+def test_terminated_nominal_trajectory_is_refused():
     of = made()
-    plan = nominal_run.nominal_experiment(of.experiment, of.flight.model)
+    nominal_experiment = nominal_run.nominal_experiment(of.experiment, of.flight.model)
     near = dataclasses.replace(
-        plan, termination_limits=dataclasses.replace(plan.termination_limits, max_distance=jnp.asarray(1e-4))
+        nominal_experiment,
+        termination_limits=dataclasses.replace(nominal_experiment.termination_limits, max_distance=jnp.asarray(1e-4)),
     )
     with pytest.raises(
         linearized_trajectory.TerminatedEarly, match=r"the nominal trajectory ended at t = .* s: distance"
@@ -125,18 +141,18 @@ def test_a_twin_that_meets_a_limit_has_no_variation():
         linearized_trajectory.simulate_nominal(near, of.flight.model_intervals)
 
 
-# Against the recursion ------------------------------------------------------------------------------------------------
+# Comparison with the recursion ----------------------------------------------------------------------------------------
 
 
 def system(
     rng: np.random.Generator, nodes: int = 9, n: int = 5, m: int = 3, r: int = 4
 ) -> linearized_trajectory.LinearizedTrajectory:
-    """A random one, whose outputs are named a and b."""
+    """Return a random system whose outputs are named a and b."""
     A, B = rng.normal(size=(nodes - 1, n, n)) / n, rng.normal(size=(nodes - 1, 2, n, m))
     half = rng.normal(size=(nodes - 1, n, n))
     return linearized_trajectory.LinearizedTrajectory(
         model_schedule=(),
-        records=made().nominal_linearization.records,  # of which nothing is asked
+        records=made().nominal_linearization.records,  # not used
         nodes=np.arange(nodes),
         A=A,
         B=B,
@@ -151,7 +167,7 @@ def system(
 
 @given(seeds)
 @settings(max_examples=12)
-def test_weights_are_what_the_recursion_gives(seed):
+def test_weights_equal_the_recursion(seed):
     rng = np.random.default_rng(seed)
     of, f = system(rng), rng.normal(size=(9, 3))
     x, y = np.zeros(5), []
@@ -166,20 +182,20 @@ def test_weights_are_what_the_recursion_gives(seed):
 
 @given(seeds)
 @settings(max_examples=12)
-def test_deviations_are_those_of_the_dense_covariance(seed):
+def test_noise_std_equals_dense_covariance(seed):
     of = system(np.random.default_rng(seed))
-    for k, told in enumerate(linearized_trajectory.noise_std(of, of.output_rows("a", "b"))):
+    for k, predicted in enumerate(linearized_trajectory.noise_std(of, of.output_rows("a", "b"))):
         total, onward = np.zeros((4, 4)), np.eye(5)
         for j in reversed(range(k)):
             total += of.C[k] @ onward @ of.N[j] @ onward.T @ of.C[k].T
             onward = onward @ of.A[j]
-        np.testing.assert_allclose(told**2, np.diag(total) + of.N_y[k], rtol=1e-9)
+        np.testing.assert_allclose(predicted**2, np.diag(total) + of.N_y[k], rtol=1e-9)
 
 
 @given(seeds, st.integers(1, 12))
 @settings(max_examples=12)
-def test_a_stride_is_its_ticks_one_after_another(seed, ticks):
-    """With derivatives that go straight from one to the other, and an unknown that does."""
+def test_stride_equals_its_single_steps(seed, ticks):
+    """With derivatives and residuals that change linearly over the stride."""
     rng, n, m = np.random.default_rng(seed), 4, 2
     first, last = rng.normal(size=(2, n, n + m + 3)) / n
     A, B, N = linearized_trajectory._discretize(first, last, ticks, n, m)

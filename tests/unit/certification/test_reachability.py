@@ -1,6 +1,6 @@
-"""What the unknown can bring about: bounds of functionals against functions that norm and data allow.
+"""Tests of bounds of linear functionals of the residual against functions that norm and data allow.
 
-Data err by eps, one way or the other; every drawn function has the norm that is stated.
+Labels have errors of plus or minus eps; every drawn function has the stated norm.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ DIMENSIONS, OUTPUTS, DATA, PATH, ROWS, FIRST = 3, 2, 9, 14, 2, 1  # FIRST: the b
 AT = [3, 5, 7, 9, 11, 13]
 
 
-def convolved(H: np.ndarray) -> np.ndarray:
-    """`L[t, row, k] = H[t - k, row]` at `AT`, zero for later samples; (times, rows, path, inputs)."""
+def convolution_weights(H: np.ndarray) -> np.ndarray:
+    """Return `L[t, row, k] = H[t - k, row]` at `AT`, zero for later samples; (times, rows, path, inputs)."""
     lag = np.asarray(AT)[:, None] - np.arange(PATH)[None]
     L = np.where((lag >= 0)[:, :, None, None], H[np.clip(lag, 0, len(H) - 1)], 0.0)
     return np.swapaxes(L, 1, 2)
@@ -37,21 +37,21 @@ def convolved(H: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class Problem:
-    """A body's unknown, known to the test alone."""
+    """A body's residual, its model and the weights of the loop."""
 
     body: reachability.BodyModel
     f: gp.GPPosterior
     L: np.ndarray  # (times, rows, path, inputs)
     eps: np.ndarray
 
-    def left(self, along: np.ndarray) -> np.ndarray:
-        """`(times, rows, outputs)` of each output's contribution, for values `along` the path, `(path, outputs)`."""
+    def contributions(self, along: np.ndarray) -> np.ndarray:
+        """Return each output's contribution `(times, rows, outputs)` for values `along` the path, `(path, outputs)`."""
         return np.stack([self.L[..., FIRST + i] @ along[:, i] for i in range(OUTPUTS)], axis=-1)
 
     def true(self) -> np.ndarray:
-        """What the function adds to the loop's outputs beyond what is compensated."""
+        """Return the effect of the function on the loop's outputs beyond the compensation."""
         x = jnp.asarray(self.body.x)
-        return self.left(np.asarray(means(self.f, x)) - np.asarray(means(self.body.model, x)))
+        return self.contributions(np.asarray(means(self.f, x)) - np.asarray(means(self.body.model, x)))
 
 
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))
@@ -73,12 +73,12 @@ def problem(seed: int, bound: str = "energy", bias: float = 0.0) -> Problem:
     beta = np.asarray(confidence_bounds.confidence_factor(companion, bound, norm, eps, 0.95))
     body = reachability.BodyModel(slice(FIRST, FIRST + OUTPUTS), model, companion, beta, norm, eps, x)
     H = np.exp(-0.2 * np.arange(PATH))[:, None, None] * rng.normal(size=(PATH, ROWS, FIRST + OUTPUTS + 1))
-    return Problem(body, f, convolved(H), eps)
+    return Problem(body, f, convolution_weights(H), eps)
 
 
 @given(seeds, st.sampled_from(["energy", "abbasi_yadkori"]), st.sampled_from([0.0, 1.0]))
 @settings(max_examples=15)
-def test_the_band_of_a_functional_holds(seed, bound, bias):
+def test_functional_bound_holds(seed, bound, bias):
     if bound != "energy":
         bias = 0.0  # its noise has no mean
     p = problem(seed, bound, bias)
@@ -89,8 +89,8 @@ def test_the_band_of_a_functional_holds(seed, bound, bias):
     assert (-true <= lower).all()
 
 
-def test_the_band_of_a_functional_is_not_idle():
-    """With a third of the norm and a tenth of the label error what is bounded lies outside now and then."""
+def test_functional_bound_depends_on_norm_and_label_error():
+    """With a third of the norm and a tenth of the label error the true value is sometimes outside."""
     outside = 0
     for seed in range(12):
         p = problem(seed)
@@ -105,8 +105,10 @@ def test_the_band_of_a_functional_is_not_idle():
 
 @given(seeds)
 @settings(max_examples=8)
-def test_the_band_of_a_functional_is_attained_by_a_function(seed):
-    """`g = m + beta k_n(., l) / sigma(l)` has `|g|^2 + |Y - g(X)|^2 / v = B^2 + n eps^2 / v`: all it may have."""
+def test_functional_bound_is_attained(seed):
+    """`g = m + beta k_n(., l) / sigma(l)` has `|g|^2 + |Y - g(X)|^2 / v = B^2 + n eps^2 / v`, the largest admissible
+    value.
+    """
     p = problem(seed)
     moved, sigma = reachability.band_bound(p.body, p.L)
     upper, _ = reachability.functional_bound(p.body.beta, moved, sigma)
@@ -123,18 +125,18 @@ def test_the_band_of_a_functional_is_attained_by_a_function(seed):
         )
         both = np.vstack([X, p.body.x]) / ls
         K = s * np.exp(-0.5 * cdist(both, both, "sqeuclidean"))
-        ell = p.L[time, row, :, FIRST + i]
-        r, k = Y[:, i] - offset, K[:DATA, DATA:] @ ell
+        weights = p.L[time, row, :, FIRST + i]
+        r, k = Y[:, i] - offset, K[:DATA, DATA:] @ weights
         c = np.linalg.solve(K[:DATA, :DATA] + v * np.eye(DATA), np.column_stack([r, k]))
         size = p.body.beta[i] / sigma[time, row, i]
-        of_g = np.concatenate([c[:, 0] - size * c[:, 1], size * ell])
+        of_g = np.concatenate([c[:, 0] - size * c[:, 1], size * weights])
         g = K @ of_g
         spent = of_g @ g + np.sum((r - g[:DATA]) ** 2) / v
         np.testing.assert_allclose(spent, p.body.norm**2 + DATA * p.eps[i] ** 2 / v, rtol=1e-7)
-        np.testing.assert_allclose(ell @ (offset + g[DATA:] - mu[:, i]), upper[time, row, i], rtol=1e-6)
+        np.testing.assert_allclose(weights @ (offset + g[DATA:] - mu[:, i]), upper[time, row, i], rtol=1e-6)
 
 
-def test_data_that_contradict_what_is_stated_have_no_bound():
+def test_contradictory_data_have_no_bound():
     p = problem(3)
     spans = reachability.band_bound(p.body, p.L)
     found = reachability.functional_bound(np.array([np.inf, p.body.beta[1]]), *spans)
@@ -146,25 +148,25 @@ def test_data_that_contradict_what_is_stated_have_no_bound():
 
 
 def recovered(p: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """The band, and what recovery makes of it."""
+    """Return the bound, and the bound by optimal recovery."""
     limit = reachability.functional_bound(p.body.beta, *reachability.band_bound(p.body, p.L))
     return limit, reachability.recovery_bound(p.body, p.L, limit)
 
 
 @given(seeds, st.sampled_from([0.0, 1.0]))
 @settings(max_examples=8)
-def test_recovery_lies_within_the_band_and_holds(seed, bias):
+def test_recovery_bound_is_tighter_and_holds(seed, bias):
     p = problem(seed, bias=bias)
     limit, found = recovered(p)
     assert (found <= limit).all()
     true = p.true()
     assert (true <= found[0]).all()
     assert (-true <= found[1]).all()
-    assert (found[0] + found[1] < 0.98 * (limit[0] + limit[1])).any()  # it gains on the band
+    assert (found[0] + found[1] < 0.98 * (limit[0] + limit[1])).any()  # it is tighter than the band
 
 
-def test_recovery_is_that_of_the_whole_functional_at_all_times():
-    """One conic program for `sum_k L_k f(x_k)` by `gp.recovery.recover`, less what is compensated; and never below."""
+def test_recovery_equals_one_program_for_all_samples():
+    """One conic program for `sum_k L_k f(x_k)` by `gp.optimal_recovery`, minus the compensation; never below it."""
     p = problem(5)
     limit, found = recovered(p)
     x = p.body.x
@@ -173,23 +175,23 @@ def test_recovery_is_that_of_the_whole_functional_at_all_times():
     for a in range(len(AT)):
         for row in range(ROWS):
             for i in range(OUTPUTS):
-                ell = p.L[a, row, :, FIRST + i]
-                best = optimal_recovery.recovery_interval(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, ell)
-                expected = np.array([best.upper - ell @ mu[:, i], ell @ mu[:, i] - best.lower])
+                weights = p.L[a, row, :, FIRST + i]
+                best = optimal_recovery.recovery_interval(X, Y, hyper, i, p.body.norm, float(p.eps[i]), x, weights)
+                expected = np.array([best.upper - weights @ mu[:, i], weights @ mu[:, i] - best.lower])
                 size = limit[:, a, row, i].sum()
                 assert (found[:, a, row, i] >= np.minimum(expected, limit[:, a, row, i]) - 1e-5 * size).all()
                 assert (found[:, a, row, i] <= np.minimum(expected, limit[:, a, row, i]) + 0.01 * size).all()
 
 
-def test_an_output_that_contributes_next_to_nothing_keeps():
-    """An output that contributes next to nothing keeps its band."""
-    p, told = problem(7), []
+def test_negligible_output_keeps_its_band():
+    """An output with a negligible contribution keeps its band."""
+    p, bounds = problem(7), []
     p.L[..., FIRST] *= 1e-7
     limit = reachability.functional_bound(p.body.beta, *reachability.band_bound(p.body, p.L))
-    found = reachability.recovery_bound(p.body, p.L, limit, lambda: told.append(1))
+    found = reachability.recovery_bound(p.body, p.L, limit, lambda: bounds.append(1))
     np.testing.assert_array_equal(found[..., 0], limit[..., 0])
     assert (found[..., 1] < limit[..., 1]).any()
-    assert len(told) == 1
+    assert len(bounds) == 1
 
 
 # Along the path -------------------------------------------------------------------------------------------------------
@@ -197,8 +199,8 @@ def test_an_output_that_contributes_next_to_nothing_keeps():
 
 @given(seeds)
 @settings(max_examples=12)
-def test_the_greatest_along_the_path_is_that_of_every_sample(seed):
-    """A functional of one sample with weight one; and it holds."""
+def test_path_maximum_equals_single_samples(seed):
+    """A functional of one sample with weight one; the bound holds."""
     p = problem(seed)
     found = reachability.max_error(p.body)
     assert found.shape == (PATH, OUTPUTS)
@@ -211,7 +213,7 @@ def test_the_greatest_along_the_path_is_that_of_every_sample(seed):
 
 
 @pytest.mark.parametrize("output", range(OUTPUTS))
-def test_deviations_of_single_samples_are_the_posterior_s(output):
+def test_std_of_single_samples_is_the_posterior_std(output):
     p = problem(1)
     x = jnp.asarray(p.body.x)
     variance = np.asarray(jax.vmap(gp.variance, (None, 0))(p.body.bound_posterior, x))[:, output]
@@ -221,7 +223,7 @@ def test_deviations_of_single_samples_are_the_posterior_s(output):
 
 
 @pytest.mark.parametrize("output", range(OUTPUTS))
-def test_slopes_are_those_of_the_kernel_and_of_the_posterior(output):
+def test_gradient_covariances_equal_kernel_derivatives(output):
     """By automatic differentiation."""
     p = problem(2)
     model, x = p.body.bound_posterior, p.body.x[:4]
@@ -233,8 +235,8 @@ def test_slopes_are_those_of_the_kernel_and_of_the_posterior(output):
     np.testing.assert_allclose(reachability.kernel_gradient(model, output, x), jax.vmap(k)(jnp.asarray(x)), atol=1e-12)
 
 
-def test_squares_and_products_by_a_factor_are_no_less_than_those():
-    """Along a path of many near points, whose covariance has few columns that are more than rounding."""
+def test_low_rank_squares_and_products_are_upper_bounds():
+    """Along a path of many close points, whose covariance has few columns above rounding."""
     rng = np.random.default_rng(3)
     x = np.stack([np.sin(np.linspace(0, 6, 120) + phase) for phase in (0.0, 1.0, 2.5)], axis=1)
     S = 2.0 * np.exp(-0.5 * cdist(x, x, "sqeuclidean"))
@@ -248,8 +250,8 @@ def test_squares_and_products_by_a_factor_are_no_less_than_those():
     np.testing.assert_allclose(of.products(L), products, rtol=1e-6, atol=1e-7)
 
 
-def test_what_a_factor_leaves_out_is_bounded_where_it_leaves(monkeypatch):
-    """With columns only until a tenth of the greatest variance is left."""
+def test_truncated_low_rank_factor_is_an_upper_bound(monkeypatch):
+    """With columns only until a tenth of the largest variance remains."""
     monkeypatch.setattr(reachability, "RANK_TOLERANCE", 0.1)
     rng = np.random.default_rng(4)
     x = rng.uniform(-3, 3, (60, 2))

@@ -1,4 +1,6 @@
-"""Peak-to-peak gains: against closed forms and brute force, reached by their own inputs, never exceeded by others."""
+"""Tests of peak-to-peak gains: closed forms, brute force, inputs that attain them, and random inputs that do not exceed
+them.
+"""
 
 import numpy as np
 import pytest
@@ -15,8 +17,8 @@ seeds = st.integers(0, 2**31)
 dampings, mixings = st.sampled_from(DAMPINGS), st.sampled_from(MIXINGS)
 
 
-def fly(K_p, K_v, d, h, e=None):
-    """|e_p| and |e_v| after each step of length h with d held, by Runge-Kutta on the error equation itself."""
+def simulate(K_p, K_v, d, h, e=None):
+    """Return |e_p| and |e_v| after each step of length h with d held, by Runge-Kutta on the error equation."""
     e_p, e_v = np.zeros((2, *d.shape[1:])) if e is None else e
     rate = lambda p, v, d: (v, -p @ K_p - v @ K_v + d)  # noqa: E731
     found = []
@@ -32,13 +34,13 @@ def fly(K_p, K_v, d, h, e=None):
 
 @given(seeds, dampings, mixings, st.floats(0.1, 3.0))
 @settings(max_examples=16)
-def test_the_bound_is_reached_by_its_bang_bang_disturbance(seed, damping, mixing, rho):
-    """The bound is reached by its bang bang disturbance within one percent."""
+def test_bound_is_attained_by_its_bang_bang_input(seed, damping, mixing, rho):
+    """The bang-bang disturbance attains the bound within one percent."""
     K_p, K_v = gains(seed, damping, mixing)
     for which, peak in enumerate(vars(translation_bound.ultimate_bound(K_p, K_v, rho)).values()):
-        d = peak.inputs[:-1]  # the last acts through D, and there is none
+        d = peak.inputs[:-1]  # the last input acts through D, which is zero
         assert np.linalg.norm(d, axis=1).max() <= rho * (1 + 1e-12)
-        reached = fly(K_p, K_v, d, peak.step)[-1, which]
+        reached = simulate(K_p, K_v, d, peak.step)[-1, which]
         assert reached == pytest.approx(peak.lower_bound, rel=1e-4)
         assert reached <= peak.bound <= 1.002 * reached
         assert peak.bound == pytest.approx(peak.contributions.sum(), rel=2e-3)
@@ -46,8 +48,8 @@ def test_the_bound_is_reached_by_its_bang_bang_disturbance(seed, damping, mixing
 
 @given(seeds, dampings, mixings)
 @settings(max_examples=12)
-def test_no_disturbance_within_its_bound_exceeds_it(seed, damping, mixing):
-    """Rough, switching, turning and steady ones, at the bound at all times."""
+def test_bounded_disturbances_do_not_exceed_the_bound(seed, damping, mixing):
+    """Rough, switching, rotating and constant disturbances of maximal magnitude."""
     K_p, K_v = gains(seed, damping, mixing)
     rng, bound = np.random.default_rng(seed), translation_bound.ultimate_bound(K_p, K_v, 1.0)
     h, steps, runs = 0.01, 600, 200
@@ -62,17 +64,17 @@ def test_no_disturbance_within_its_bound_exceeds_it(seed, damping, mixing):
         ]
     )
     d = kinds[rng.integers(0, 4, runs), :, np.arange(runs)].transpose(1, 0, 2)
-    found = fly(K_p, K_v, d / np.linalg.norm(d, axis=-1, keepdims=True), h).max((0, 2))
+    found = simulate(K_p, K_v, d / np.linalg.norm(d, axis=-1, keepdims=True), h).max((0, 2))
     assert found[0] <= bound.e_p.bound
     assert found[1] <= bound.e_v.bound
-    assert found[0] >= 0.5 * bound.e_p.bound  # the draws come near, so that the check could fail
+    assert found[0] >= 0.5 * bound.e_p.bound  # random inputs are close to the bound
 
 
 @pytest.mark.long
 @given(st.floats(1, 40), st.floats(0.1, 2.5))
 @settings(max_examples=12)
 def test_equal_axes_have_the_gain_of_one_axis(k_p, zeta):
-    """`integral |h| = coth(zeta pi / (2 sqrt(1 - zeta^2))) / k_p` below critical damping, `1 / k_p` from there on."""
+    """`integral |h| = coth(zeta pi / (2 sqrt(1 - zeta^2))) / k_p` below critical damping, `1 / k_p` above."""
     expected = 1 / k_p
     if zeta < 1 - 1e-9:
         expected /= np.tanh(zeta * np.pi / 2 / np.sqrt(1 - zeta**2))
@@ -80,8 +82,8 @@ def test_equal_axes_have_the_gain_of_one_axis(k_p, zeta):
     assert expected <= bound <= 1.001 * expected
 
 
-def test_the_worst_direction_may_lie_between_the_axes():
-    """Diagonal gains: the greatest of the concave `integral sqrt(sum h_i^2 w_i)` over the simplex, by quadrature.
+def test_worst_direction_may_be_oblique():
+    """Diagonal gains: the maximum of the concave `integral sqrt(sum h_i^2 w_i)` over the simplex, by quadrature.
 
     Between the axes a disturbance spends its size where each axis answers most; no single axis reaches as far.
     """
@@ -121,8 +123,8 @@ def stable(rng, n, columns, rows):
 
 @given(seeds, st.integers(1, 3))
 @settings(max_examples=15)
-def test_in_discrete_time_groups_reach_the_bound_together(seed, rows):
-    """In discrete time groups reach the bound together and never exceed it."""
+def test_discrete_bound_is_attained_by_all_groups(seed, rows):
+    """In discrete time all groups together attain the bound and never exceed it."""
     rng = np.random.default_rng(seed)
     groups, rho = [1, 3, 2], rng.uniform(0, 2, 3)
     A, B, C, D = stable(rng, 6, 6, rows)
@@ -148,8 +150,8 @@ def test_in_discrete_time_groups_reach_the_bound_together(seed, rows):
 
 @given(seeds)
 @settings(max_examples=15)
-def test_with_one_output_the_bound_is_the_sum_of_the_responses(seed):
-    """With one output the bound is the sum of the responses norms."""
+def test_bound_of_one_output_is_the_sum_of_norms(seed):
+    """With one output the bound is the sum of the norms of the responses."""
     rng = np.random.default_rng(seed)
     A, B, C, D = stable(rng, 4, 3, 1)
     expected, power = 2 * np.linalg.norm(D[:, :2]) + 0.5 * abs(D[0, 2]), np.eye(4)
@@ -162,8 +164,8 @@ def test_with_one_output_the_bound_is_the_sum_of_the_responses(seed):
 
 @given(seeds)
 @settings(max_examples=8)
-def test_sampled_ever_finer_the_discrete_gain_is_the_continuous(seed):
-    """Held inputs are some of all inputs: the gain of the sampled system is below, by first order in the step."""
+def test_discrete_gain_converges_to_the_continuous_gain(seed):
+    """Held inputs are a subset of all inputs: the gain of the sampled system is smaller, by first order in the step."""
     rng = np.random.default_rng(seed)
     A, B, C, _ = stable(rng, 4, 3, 2)
     A = A - (np.max(np.linalg.eigvals(A).real) + 0.3) * np.eye(4)
@@ -186,7 +188,7 @@ def test_sampled_ever_finer_the_discrete_gain_is_the_continuous(seed):
         (1.0, 1.0, -1.0, "rho = -1.0 m/s\\^2: must be finite and at least 0"),
     ],
 )
-def test_gains_that_give_no_bound_are_refused(K_p, K_v, rho, message):
+def test_gains_without_bound_are_refused(K_p, K_v, rho, message):
     with pytest.raises(ValueError, match=message):
         translation_bound.ultimate_bound(K_p, K_v, rho)
 
@@ -205,6 +207,6 @@ def test_unstable_and_unresolvable_systems_are_refused():
         peak_gain.peak_gain_discrete(0.5 * eye, eye, eye, None, [1], one)
 
 
-def test_without_disturbance_nothing_is_left():
+def test_bound_without_disturbance_is_zero():
     nothing = translation_bound.ultimate_bound(5.0, 4.2, 0.0)
     assert nothing.e_p.bound == nothing.e_v.bound == nothing.e_p.lower_bound == 0.0

@@ -1,4 +1,4 @@
-"""The tube: slopes of what is left against functions that norm and data allow, and the inequality solved in time."""
+"""Tests of the tube: gradient bounds against functions that norm and data allow, and the inequality in time."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ seeds = st.integers(0, 2**31)
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 
-# What the maps see ----------------------------------------------------------------------------------------------------
+# Features of the models -----------------------------------------------------------------------------------------------
 
 
 @given(seeds)
 @settings(max_examples=10)
-def test_what_the_payload_s_models_see_moves_with_the_state(seed):
-    """What the payload is models see moves with the state as the features derivative."""
+def test_payload_features_change_by_their_derivative(seed):
+    """The features of the payload's models change with the state as their derivative states."""
     rng = np.random.default_rng(seed)
     x, L = rng.normal(size=(3, 18)), rng.normal(size=(3, 18, 2, 4))
     found = tube.feature_jacobian(x, L)
@@ -33,15 +33,15 @@ def test_what_the_payload_s_models_see_moves_with_the_state(seed):
         np.testing.assert_allclose(found[t], np.einsum("fd,dki->fki", J, L[t]), atol=1e-9)
 
 
-def test_at_rest_speeds_have_no_direction_and_no_slope():
+def test_features_at_zero_speed_have_zero_gradient():
     assert (tube.feature_jacobian(np.zeros((1, 18)), np.ones((1, 18, 1, 1)))[0, 18:] == 0).all()
 
 
-# How fast what is left varies -----------------------------------------------------------------------------------------
+# Gradients of the residual --------------------------------------------------------------------------------------------
 
 
 def body(seed: int) -> tuple[reachability.BodyModel, gp.GPPosterior, np.random.Generator]:
-    """Functions of the stated norm with labels that err by eps; the model's noise variance is not the companion's."""
+    """Functions of the stated norm with label errors eps; the model's noise variance is not that of the companion."""
     rng = np.random.default_rng(seed)
     outputs, dimensions, n = 3, 4, 10
     s = rng.uniform(0.2, 3, outputs)
@@ -58,32 +58,32 @@ def body(seed: int) -> tuple[reachability.BodyModel, gp.GPPosterior, np.random.G
     return reachability.BodyModel(slice(0, outputs), model, companion, beta, norm, eps, X), f, rng
 
 
-def moved_by(rng: np.random.Generator, times: int) -> np.ndarray:
-    """Covariances of displacements, some flat."""
+def displacement_covariances(rng: np.random.Generator, times: int) -> np.ndarray:
+    """Covariances of displacements, some singular."""
     A = rng.normal(size=(times, 4, 4)) * rng.choice([0.0, 1.0], (times, 1, 4), p=[0.3, 0.7])
     return A @ np.swapaxes(A, 1, 2)
 
 
 @given(seeds)
 @settings(max_examples=10)
-def test_slopes_of_what_is_left_are_within_their_bound(seed):
-    """Slopes of what is left are within their bound in every direction."""
+def test_residual_gradients_stay_within_their_bound(seed):
+    """Gradients of the residual stay within their bound in every direction."""
     of, f, rng = body(seed)
     x, d = rng.uniform(-3, 3, (60, 4)), rng.normal(size=(60, 4))
     slope = jax.vmap(jax.jacfwd(gp.mean, argnums=1), (None, 0))
     left = np.asarray(slope(f, jnp.asarray(x)) - slope(of.model, jnp.asarray(x)))
     for i in range(3):
-        S, g = tube.gradient_bounds(of, i, x, moved_by(rng, len(x)))
+        S, g = tube.gradient_bounds(of, i, x, displacement_covariances(rng, len(x)))
         bound = np.linalg.norm(np.einsum("tfd,td->tf", S, d), axis=1) + np.abs((g * d).sum(1))
         found = np.abs((left[:, i] * d).sum(1))
         assert (found <= bound * (1 + 1e-9)).all()
-        assert (found / bound).max() > 0.03  # the draws are of the size of what they test
+        assert (found / bound).max() > 0.03  # the samples have the magnitude of the bound
 
 
 @given(seeds)
 @settings(max_examples=10)
-def test_slopes_and_displacements_are_no_wider_than_the_energy(seed):
-    """Of the same data with one weight for all labels: the trace, which is what is made small."""
+def test_ellipsoids_are_no_larger_than_the_energy_bound(seed):
+    """Compared with one weight for all labels by the trace, which is minimized."""
     of, _, rng = body(seed)
     path = np.cumsum(rng.normal(size=(9, 4)) * 0.3, axis=0)
     along = reachability.BodyModel(slice(0, 3), of.model, of.bound_posterior, of.beta, of.norm, of.label_error, path)
@@ -95,7 +95,7 @@ def test_slopes_and_displacements_are_no_wider_than_the_energy(seed):
         taken = (np.asarray(of.model.hyper.lengthscales) ** -2.0).mean(0)
         trace, widest = (np.einsum("tff,f->t", each, taken) for each in (P[i], wide))
         assert (trace <= widest * (1 + 1e-6)).all()
-    M = moved_by(rng, 5)
+    M = displacement_covariances(rng, 5)
     S, _ = tube.gradient_bounds(of, 0, x, M)
     for t in range(5):
         if not (M[t] > 0).any():
@@ -108,8 +108,8 @@ def test_slopes_and_displacements_are_no_wider_than_the_energy(seed):
         assert np.trace(S[t] @ M[t] @ S[t].T) <= np.trace(wide @ M[t]) * (1 + 1e-4)
 
 
-def test_the_bound_is_reached_where_there_are_no_data():
-    """`f = B k'(., x) / |k'|` has the greatest slope that its norm allows: `B sqrt(signal_variance)` a length-scale."""
+def test_gradient_bound_is_attained_without_data():
+    """`f = B k'(., x) / |k'|` has the largest gradient of its norm: `B sqrt(signal_variance)` per length-scale."""
     s, norm, ls, h = 1.7, 2.3, np.array([0.8, 1.6]), 1e-3
     hyper = gp.make_hyperparameters(s, ls, 1e-4)
     prior = gp.prior(hyper, 2)
@@ -126,18 +126,20 @@ def test_the_bound_is_reached_where_there_are_no_data():
 
 @given(seeds)
 @settings(max_examples=5)
-def test_feeding_is_the_greatest_of_each_sample_alone(seed):
+def test_feedback_matrix_is_the_gain_of_single_samples(seed):
     of, _, rng = body(seed)
     x, L = rng.normal(size=(3, 4)), rng.normal(size=(3, 4, 7, 5))
-    S, g = tube.gradient_bounds(of, 1, x, moved_by(rng, len(x)))
+    S, g = tube.gradient_bounds(of, 1, x, displacement_covariances(rng, len(x)))
     expected = np.linalg.norm(np.einsum("tdf,tfkj->tdkj", S, L), axis=1) + np.abs(np.einsum("tf,tfkj->tkj", g, L))
     np.testing.assert_allclose(tube.feedback_matrix(S, g, L), expected, rtol=1e-9)
 
 
 @given(seeds)
 @settings(max_examples=10)
-def test_what_the_unknown_on_the_path_makes_of_the_features(seed):
-    """In every direction and through every slope; of greatest eigenvalues the bound is a third above at most."""
+def test_path_residuals_stay_within_the_ellipsoids(seed):
+    """In every direction and through every gradient; the bound exceeds that of the largest eigenvalues by at most a
+    third.
+    """
     of, f, rng = body(seed)
     path = np.cumsum(rng.normal(size=(9, 4)) * 0.3, axis=0)
     along = reachability.BodyModel(slice(0, 3), of.model, of.bound_posterior, of.beta, of.norm, of.label_error, path)
@@ -160,8 +162,8 @@ def test_what_the_unknown_on_the_path_makes_of_the_features(seed):
         assert (bound <= 1.34 * exact).all()
 
 
-def test_what_a_difference_adds_is_at_most_its_size_times():
-    """What a difference adds is at most its size times the weights sizes."""
+def test_deviation_is_bounded_by_weights_and_size():
+    """The effect of a difference is at most its size times the absolute weights."""
     rng = np.random.default_rng(0)
     L, d = rng.normal(size=(2, 3, 20, 2)), rng.uniform(size=(20, 2))
     expected = np.abs(L.reshape(2, 3, 40)) @ d.ravel()
@@ -171,8 +173,8 @@ def test_what_a_difference_adds_is_at_most_its_size_times():
 # The inequality in time -----------------------------------------------------------------------------------------------
 
 
-def causal(rng: np.random.Generator, times: int, size: float) -> tuple[np.ndarray, np.ndarray]:
-    """Random gains from cells to the times at their ends, and bounds."""
+def causal_gains(rng: np.random.Generator, times: int, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Random gains from intervals to the times at their ends, and bounds."""
     M = (
         size
         * rng.uniform(size=(times, 3, times, 3))
@@ -183,10 +185,10 @@ def causal(rng: np.random.Generator, times: int, size: float) -> tuple[np.ndarra
 
 @given(seeds, st.floats(0.001, 0.1))
 @settings(max_examples=20)
-def test_whatever_feeds_itself_so_stays_within_the_tube(seed, size):
-    """A signal of any sign that is at every time as great as the inequality lets it, cell after cell."""
+def test_signals_with_bounded_feedback_stay_in_the_tube(seed, size):
+    """A signal of any sign that attains the inequality in every interval."""
     rng = np.random.default_rng(seed)
-    M, own = causal(rng, 8, size)
+    M, own = causal_gains(rng, 8, size)
     found, _ = tube.solve_tube(M, own)
     d = np.zeros((9, 3))  # at the ends of cells
     for t in range(8):
@@ -198,15 +200,15 @@ def test_whatever_feeds_itself_so_stays_within_the_tube(seed, size):
         np.testing.assert_allclose(found[t], np.maximum(d[t], d[t + 1]), rtol=1e-7)
 
 
-def test_what_grows_beyond_bounds_has_no_tube_and_the_error_says():
-    """What grows beyond bounds has no tube and the error says so."""
-    M, own = causal(np.random.default_rng(0), 8, 5.0)
+def test_divergent_feedback_has_no_tube():
+    """Divergent feedback has no tube, and the error states so."""
+    M, own = causal_gains(np.random.default_rng(0), 8, 5.0)
     with pytest.raises(ValueError, match=r"no tube exists: .* by a factor of \d+"):
         tube.solve_tube(M, own)
 
 
 @pytest.mark.parametrize("by", [0.99, 1.0, 1.02])
-def test_a_cell_that_feeds_itself_as_much_as_it_is_has_no_tube(by):
+def test_unit_feedback_within_an_interval_has_no_tube(by):
     with pytest.raises(ValueError, match="no tube exists"):
         tube.solve_tube(np.full((1, 1, 1, 1), by), np.ones((1, 1)))
     found, contraction = tube.solve_tube(np.full((1, 1, 1, 1), 0.5), np.ones((1, 1)))

@@ -1,4 +1,4 @@
-"""Fixtures of the checks' tests: small made-up repositories."""
+"""Fixtures of the tests of the language check: small generated repositories."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path

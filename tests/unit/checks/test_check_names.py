@@ -59,7 +59,7 @@ def test_line_of_the_definition_is_reported(run):
 
 
 def test_module_and_package_names(run):
-    """Modules and packages are identifiers; a package is reported once."""
+    """Names of modules and packages are identifiers; a package is reported once."""
     files = {"src/colift/school/__init__.py": "", "src/colift/school/a.py": "", "src/colift/echo.py": ""}
     problems = run("banned-names", files)
     assert sorted(problem.path for problem in problems) == ["src/colift/echo.py", "src/colift/school/__init__.py"]
@@ -120,6 +120,6 @@ def test_standard_terms_are_accepted(kind):
 
 
 def test_entries_are_unique():
-    """No entry stands twice."""
+    """No entry occurs twice."""
     entries = [(entry.word, entry.whole, entry.kinds) for entry in banned_names()]
     assert len(entries) == len(set(entries))

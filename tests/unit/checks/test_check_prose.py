@@ -8,7 +8,7 @@ LONG = "Word " + " ".join(["word"] * 40) + "."
 
 
 def test_docstring_comment_and_help(run):
-    """Words are found in docstrings, comments and help strings, with their lines."""
+    """Words are reported in docstrings, comments and help strings, with their lines."""
     source = '"""Module.\n\nThe filter hears labels.\n"""\n\n# it remembers\nx = f(help="the twin")  # the pilot\n'
     problems = run("banned-words", {"src/a.py": source})
     found = {(problem.line, problem.message.split("'")[1]) for problem in problems}
@@ -29,7 +29,7 @@ def test_exception_in_python(run, entry):
 
 
 def test_words_in_pages(run):
-    """Headings, tables and paragraphs are read; a phrase may go over a line break."""
+    """Headings, tables and paragraphs are read; a phrase may include a line break."""
     page = "# The echo\n\n| a |\n|---|\n| knows |\n\nThe value is compared by\nhand here.\n"
     problems = run("banned-words", {"docs/deep/a.md": page})
     assert [problem.line for problem in problems] == [1, 5, 7]
@@ -47,7 +47,7 @@ def test_code_and_targets_in_pages_are_not_read(run):
 
 
 def test_exception_in_pages(run):
-    """An exception holds for the lines around it up to a blank line."""
+    """An exception applies to the lines around it up to a blank line."""
     page = "The paper writes oracle. <!-- checks: allow oracle -->\n\nAn oracle.\n"
     (problem,) = run("banned-words", {"docs/a.md": page})
     assert problem.line == 3

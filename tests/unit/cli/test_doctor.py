@@ -1,4 +1,4 @@
-"""What colift says of the machine that it runs on."""
+"""Tests of `doctor`: report of the machine and its problems."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from colift.codegen import build
 from colift.runtime import cache
 
 
-def test_a_machine_on_which_all_works_has_no_problem():
+def test_working_machine_has_no_problem():
     found = doctor.run_diagnostics()
     assert found["problems"] == []
     assert found["packages"]["jax"] == jax.__version__
     assert found["self_test"].startswith("native code agrees with JAX within")
     assert found["caches"]["native"]["files"] >= 0
-    said = CliRunner().invoke(app, ["doctor"])
-    assert said.exit_code == 0
-    assert [line.split()[0] for line in said.stdout.splitlines()] == [
+    result = CliRunner().invoke(app, ["doctor"])
+    assert result.exit_code == 0
+    assert [line.split()[0] for line in result.stdout.splitlines()] == [
         *("python", "packages", "compiler", "jax", "native", "gpu", "self-test")
     ]
     assert json.loads(CliRunner().invoke(app, ["doctor", "--json"]).stdout)["packages"] == found["packages"]
 
 
-def test_no_compiler_and_no_cache_are_problems_with_status_1(monkeypatch: pytest.MonkeyPatch):
+def test_missing_compiler_and_cache_give_status_1(monkeypatch: pytest.MonkeyPatch):
     def unwritable(name: str) -> None:
         raise cache.CacheUnavailable(f"{name}: Permission denied")
 
     monkeypatch.setattr(build, "compiler", lambda: None)
     monkeypatch.setattr(cache, "cache_directory", unwritable)
-    said = CliRunner().invoke(app, ["doctor"])
-    assert said.exit_code == 1
-    assert "problem: no C compiler was found" in said.stdout
-    assert "problem: compiled code cannot be stored: jax: Permission denied" in said.stdout
-    assert "compiler   none" in said.stdout
+    result = CliRunner().invoke(app, ["doctor"])
+    assert result.exit_code == 1
+    assert "problem: no C compiler was found" in result.stdout
+    assert "problem: compiled code cannot be stored: jax: Permission denied" in result.stdout
+    assert "compiler   none" in result.stdout
 
 
-def test_native_code_that_computes_something_else_is_a_problem(monkeypatch: pytest.MonkeyPatch):
+def test_wrong_native_code_is_a_problem(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(doctor.codegen, "compile", lambda f: lambda A: f(A) * 1.001)
     found = doctor.run_diagnostics()
     assert found["self_test"] == "failed"

@@ -1,4 +1,4 @@
-"""Command `colift migrate` and names of earlier versions on the command line."""
+"""Tests of `colift migrate` and of former names on the command line."""
 
 from __future__ import annotations
 

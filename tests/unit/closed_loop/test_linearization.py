@@ -1,4 +1,4 @@
-"""The loop to first order: against differences and a simulation of the closed loop as it stands, nothing linearized."""
+"""Tests of the linearized loop against finite differences and a simulation of the nonlinear loop."""
 
 from __future__ import annotations
 
@@ -29,71 +29,75 @@ SIZES = np.repeat([0.5, 0.05, 0.5, 0.05, 0.02, 0.5, 0.05, 0.02], 3)  # N and N m
 
 @functools.cache
 def study() -> tuple[controller.LeaderFollowerController, State]:
-    """The study's pilot with an oracle without data, and the nominal team at rest on the reference."""
-    given = scenario.load_scenario("paper")
-    small = given.learning.model_copy(update={"max_samples": 2})
-    given = given.model_copy(update={"initial_state": schema.InitialState(), "learning": small})
-    _, nominal = team.team(given)
-    return controllers.make_controller(given, nominal), initial_states.initial_state(given, nominal)
+    """The study's controller with a model without data, and the nominal team at rest on the reference."""
+    settings = scenario.load_scenario("paper")
+    small = settings.learning.model_copy(update={"max_samples": 2})
+    settings = settings.model_copy(update={"initial_state": schema.InitialState(), "learning": small})
+    _, nominal = team.team(settings)
+    return controllers.make_controller(settings, nominal), initial_states.initial_state(settings, nominal)
 
 
 @functools.cache
-def learned() -> residual_model.ResidualModel:
-    """An oracle that predicts nothing at rest, but a spring and a damper on the payload off it."""
-    pilot, z = study()
-    oracle = pilot.residual_model
+def spring_damper_model() -> residual_model.ResidualModel:
+    """Model that predicts zero at equilibrium, and a spring and damper on the payload elsewhere."""
+    controlled, z = study()
+    model = controlled.residual_model
     hyper, x = (
-        oracle.payload.hyper,
+        model.payload.hyper,
         np.asarray(features.payload_features(state.flatten_payload_state(z.payload, jnp.zeros(6)))),
     )
     apart = 0.3 * np.asarray(hyper.lengthscales)[0] * np.eye(20)[[0, 3]].sum(0)
     w = np.array([8.0, 3.0, -5.0, 6.0, 2.0, -7.0])[:, None] * np.array([1.0, -1.0])
-    return dataclasses.replace(oracle, payload=gp.from_expansion(hyper, np.stack([x + apart, x - apart]), w))
+    return dataclasses.replace(model, payload=gp.from_expansion(hyper, np.stack([x + apart, x - apart]), w))
 
 
 @functools.cache
-def loop(knows: bool = False) -> linearization.LinearizedLoop:
-    """The response of `study`, or of the loop that knows more."""
-    pilot, z = study()
-    return linearization.linearize(dataclasses.replace(pilot, residual_model=learned()) if knows else pilot, z)
+def loop(with_model: bool = False) -> linearization.LinearizedLoop:
+    """Return the linearization of `study`, or of the loop with `spring_damper_model`."""
+    controlled, z = study()
+    return linearization.linearize(
+        dataclasses.replace(controlled, residual_model=spring_damper_model()) if with_model else controlled, z
+    )
 
 
-def closed(pilot: controller.LeaderFollowerController, z: State, f: ResidualForces) -> tuple[Any, Any, Any]:
-    """Acceleration, contact forces and desired wrench, the measured acceleration being the one that is caused.
+def closed_loop(controlled: controller.LeaderFollowerController, z: State, f: ResidualForces) -> tuple[Any, Any, Any]:
+    """Return acceleration, contact forces and desired wrench; the measured acceleration is the resulting one.
 
     The law is affine in it, and only its first three components enter.
     """
-    team = pilot.team
+    team = controlled.team
 
-    def under(a: jax.Array) -> tuple[Any, Any, Any]:
-        now = controller.context_at(pilot, z, a, jnp.zeros(()))
-        inputs, _, decided = pilot.control_law((), (), now)
-        return *contact_dynamics.forward_dynamics(team, z, inputs, f), decided.W_d
+    def evaluate(a: jax.Array) -> tuple[Any, Any, Any]:
+        now = controller.context_at(controlled, z, a, jnp.zeros(()))
+        inputs, _, telemetry = controlled.control_law((), (), now)
+        return *contact_dynamics.forward_dynamics(team, z, inputs, f), telemetry.W_d
 
-    found = jax.lax.map(lambda a: under(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))
+    found = jax.lax.map(lambda a: evaluate(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))
     slope = (found[1:] - found[:1]).T
-    return under(jnp.concatenate([jnp.linalg.solve(jnp.eye(3) - slope, found[0]), jnp.zeros(3)]))
+    return evaluate(jnp.concatenate([jnp.linalg.solve(jnp.eye(3) - slope, found[0]), jnp.zeros(3)]))
 
 
 @jax.jit
-def rates(pilot: controller.LeaderFollowerController, z: State, shift: jax.Array, f: jax.Array) -> tuple[Any, ...]:
-    """How the local coordinates around z change at a shift, and what the outputs are made of."""
+def coordinate_rates(
+    controlled: controller.LeaderFollowerController, z: State, shift: jax.Array, f: jax.Array
+) -> tuple[Any, ...]:
+    """Return rates of the local coordinates at a displacement, and the quantities of the outputs."""
     d = ravel_pytree(contact_dynamics.zero_tangent(z))[1](shift)
     at = contact_dynamics.retract(z, d)
-    a, lam, W_d = closed(pilot, at, linearization.unflatten(pilot.team, f))
+    a, lam, W_d = closed_loop(controlled, at, linearization.unflatten(controlled.team, f))
     return ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0], a.payload, lam, W_d, at
 
 
 @jax.jit
-def step(pilot: controller.LeaderFollowerController, z: State, f: jax.Array, dt: jax.Array) -> State:
-    """One step of order 4 of the closed loop, the control acting at every stage."""
+def step(controlled: controller.LeaderFollowerController, z: State, f: jax.Array, dt: jax.Array) -> State:
+    """One fourth-order step of the closed loop with control at every stage."""
     zero, unravel = ravel_pytree(contact_dynamics.zero_tangent(z))
 
     def stage(carry: tuple[jax.Array, jax.Array], node: jax.Array) -> tuple[tuple[jax.Array, jax.Array], None]:
         slope, total = carry
         d = unravel(dt * node[0] * slope)
         at = contact_dynamics.retract(z, d)
-        a, _, _ = closed(pilot, at, linearization.unflatten(pilot.team, f))
+        a, _, _ = closed_loop(controlled, at, linearization.unflatten(controlled.team, f))
         slope = ravel_pytree(contact_dynamics.tangent_rate(at, d, a))[0]
         return (slope, total + dt * node[1] * slope), None
 
@@ -103,19 +107,21 @@ def step(pilot: controller.LeaderFollowerController, z: State, f: jax.Array, dt:
 
 
 def errors(z: State) -> np.ndarray:
-    """Tracking errors against the state of `study`, in NumPy."""
+    """Tracking errors relative to the state of `study`, in NumPy."""
     q, d = (jax.tree.map(np.asarray, x.payload) for x in (z, study()[1]))
     Q = d.R.T @ q.R
     e_R = np.array([Q[2, 1] - Q[1, 2], Q[0, 2] - Q[2, 0], Q[1, 0] - Q[0, 1]]) / 2
     return np.concatenate([q.p - d.p, q.v, e_R, q.omega])  # the reference is at rest
 
 
-def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Rate and outputs of the closed loop at a shift, the outputs by the paper's law and Newton's sum in NumPy."""
-    pilot, z = study()
-    pilot = dataclasses.replace(pilot, residual_model=learned()) if knows else pilot
-    rate, a, lam, W_d, at = rates(pilot, z, jnp.asarray(shift), jnp.asarray(f))
-    e, gains, q = errors(at), pilot.payload_controller.gains, at.payload
+def outputs(shift: np.ndarray, f: np.ndarray, with_model: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Return rate and outputs of the closed loop at a displacement; outputs by the paper's law and Newton's law in
+    NumPy.
+    """
+    controlled, z = study()
+    controlled = dataclasses.replace(controlled, residual_model=spring_damper_model()) if with_model else controlled
+    rate, a, lam, W_d, at = coordinate_rates(controlled, z, jnp.asarray(shift), jnp.asarray(f))
+    e, gains, q = errors(at), controlled.payload_controller.gains, at.payload
     to = np.concatenate(
         [
             -np.asarray(gains.K_p) @ e[:3] - np.asarray(gains.K_v) @ e[3:6],
@@ -123,17 +129,17 @@ def outputs(shift: np.ndarray, f: np.ndarray, knows: bool = False) -> tuple[np.n
         ]
     )
     forces = np.concatenate([np.asarray(part).reshape(-1, 3) for part in lam])
-    c, R = np.asarray(grasp.contact_points(pilot.team)), np.asarray(q.R)
+    c, R = np.asarray(grasp.contact_points(controlled.team)), np.asarray(q.R)
     W = np.concatenate([forces.sum(0), np.cross(c, forces @ R).sum(0)])
     return np.asarray(rate), np.concatenate([e, np.asarray(a) - to, W - np.concatenate([W_d.F, W_d.tau])])
 
 
-# Flat residuals -------------------------------------------------------------------------------------------------------
+# Residual vectors -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("structure", [teams.POOL[3], teams.POOL[5], teams.POOL[0]])
-def test_a_residual_comes_back_from_its_row_and_every_body(structure):
-    """A residual comes back from its row and every body has its columns."""
+def test_residual_vector_round_trip_and_body_columns(structure):
+    """Conversion of residuals to a vector and back, and the columns of every body."""
     rng = np.random.default_rng(0)
     team = teams.team(rng, structure)
     f = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), zero_residual(team))
@@ -149,7 +155,7 @@ def test_a_residual_comes_back_from_its_row_and_every_body(structure):
         np.testing.assert_array_equal(row[where], np.concatenate([group.f_x[j], group.f_w[j], group.f_r[j]]))
 
 
-def test_rows_are_where_the_outputs_stand():
+def test_output_rows_have_the_order_of_the_outputs():
     found, first = loop(), 0
     for name, size in OUTPUTS.items():
         assert found.output_rows(name) == slice(first, first + size)
@@ -160,15 +166,15 @@ def test_rows_are_where_the_outputs_stand():
 # The linearized loop --------------------------------------------------------------------------------------------------
 
 
-def test_at_rest_on_the_reference_nothing_moves_and_nothing():
-    """At rest on the reference nothing moves and nothing is missed."""
+def test_rates_and_outputs_vanish_at_equilibrium():
+    """At rest on the reference all rates and outputs are zero."""
     rate, y = outputs(np.zeros(loop().basis.shape[0]), np.zeros(24))
-    assert np.abs(rate).max() < 1e-7  # where a start is consistent to nanometres
+    assert np.abs(rate).max() < 1e-7  # the start is consistent to nanometers
     assert np.abs(y).max() < 1e-7
 
 
-def test_its_states_are_all_the_motions_that_the_grasp_allows():
-    pilot, z = study()
+def test_states_span_all_motions_on_the_grasp():
+    controlled, z = study()
     T = loop().basis
     free = 6 + 3 * 2  # the payload's velocities and the agents' attitudes (the tree's joints follow)
     assert T.shape[1] == 2 * free
@@ -178,15 +184,15 @@ def test_its_states_are_all_the_motions_that_the_grasp_allows():
     @jax.jit
     def gap(d: jax.Array) -> tuple[jax.Array, jax.Array]:
         at = contact_dynamics.retract(z, unravel(d))
-        return grasp.constraint_residual(pilot.team, at), grasp.constraint_rate(pilot.team, at)
+        return grasp.constraint_residual(controlled.team, at), grasp.constraint_rate(controlled.team, at)
 
     for direction in T.T:
         for ahead, behind in zip(gap(jnp.asarray(h * direction)), gap(jnp.asarray(-h * direction)), strict=True):
             assert np.abs(ahead - behind).max() / (2 * h) < 1e-8
 
 
-def test_unknown_forces_act_at_once_by_exact_algebra():
-    """The plant is linear in forces: the direct term holds for residuals of any size."""
+def test_direct_term_is_exact_for_any_residual():
+    """The plant is linear in forces: the direct term holds for residuals of any magnitude."""
     rng, found = np.random.default_rng(1), loop()
     still = np.zeros(len(found.basis))
     for size in (0.1, 20.0):
@@ -196,18 +202,18 @@ def test_unknown_forces_act_at_once_by_exact_algebra():
     assert np.abs(found.D[: found.output_rows("a").start]).max() == 0  # errors do not jump
 
 
-@pytest.mark.parametrize("knows", [False, True])
-def test_the_response_is_the_derivative_of_the_closed_loop(knows):
-    """Central differences, extrapolated, in random directions of state and residual together."""
-    rng, found = np.random.default_rng(2), loop(knows)
-    if knows:  # what the oracle feeds back is part of the loop
+@pytest.mark.parametrize("with_model", [False, True])
+def test_linearization_equals_central_differences(with_model):
+    """Extrapolated central differences in random directions of state and residual together."""
+    rng, found = np.random.default_rng(2), loop(with_model)
+    if with_model:  # the feedback of the model is part of the loop
         assert np.abs(found.C - loop().C @ (loop().basis.T @ found.basis)).max() > 0.1
     T = found.basis
     for _ in range(5):
         x, f = rng.normal(size=T.shape[1]), SIZES * rng.normal(size=24)
 
         def slope(h: float) -> np.ndarray:
-            ends = [np.concatenate(outputs(s * T @ x, s * f, knows)) for s in (h, -h)]  # noqa: B023
+            ends = [np.concatenate(outputs(s * T @ x, s * f, with_model)) for s in (h, -h)]  # noqa: B023
             return (ends[0] - ends[1]) / (2 * h)
 
         h = 1e-3
@@ -219,7 +225,7 @@ def test_the_response_is_the_derivative_of_the_closed_loop(knows):
         np.testing.assert_allclose(T @ (T.T @ rate), rate, atol=1e-7 * np.abs(rate).max())
 
 
-def test_modes_are_those_of_the_loop_by_differences():
+def test_eigenvalues_equal_those_by_differences():
     T, h = loop().basis, 1e-4
     none = np.zeros(24)
     A = np.stack([T.T @ (outputs(h * d, none)[0] - outputs(-h * d, none)[0]) for d in T.T], axis=1) / (2 * h)
@@ -228,20 +234,20 @@ def test_modes_are_those_of_the_loop_by_differences():
         assert np.abs(expected - value).min() < 1e-4 * abs(value)
 
 
-def test_a_steady_force_on_the_payload_is_shared_as_the_design():
-    """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with thrusts aligned: -0.71 upwards, -0.83 along the team, at 1.5 kg."""
-    pilot, z = study()
+def test_constant_payload_force_is_shared_by_mass():
+    """`delta_W = -M_A (M_L + M_A)^-1 f~_L` with aligned thrust: -0.71 vertically, -0.83 along the team, at 1.5 kg."""
+    controlled, z = study()
     truth, _ = team.team(scenario.load_scenario("paper"))
-    found = linearization.linearize(dataclasses.replace(pilot, team=truth), z)
+    found = linearization.linearize(dataclasses.replace(controlled, team=truth), z)
     rows = found.output_rows("delta_W")
     steady = found.D[rows] - found.C[rows] @ np.linalg.solve(found.A, found.B)
     np.testing.assert_allclose(np.diag(steady)[[2, 0]], [-0.71, -0.83], atol=0.005)
 
 
 @pytest.mark.long
-def test_a_small_constant_residual_brings_about():
-    """Half a second of the nonlinear loop: what differs is of second order in the residual."""
-    pilot, start = study()
+def test_small_constant_residual_has_the_linear_response():
+    """Half a second of the nonlinear loop; the difference is of second order in the residual."""
+    controlled, start = study()
     rng, found = np.random.default_rng(3), loop()
     f, seconds, steps = SIZES * rng.choice([-1.0, 1.0], 24), 0.5, 100
     n = len(found.A)
@@ -252,7 +258,7 @@ def test_a_small_constant_residual_brings_about():
     def off(size: float) -> np.ndarray:
         z = start
         for _ in range(steps):
-            z = step(pilot, z, jnp.asarray(size * f), jnp.asarray(seconds / steps))
+            z = step(controlled, z, jnp.asarray(size * f), jnp.asarray(seconds / steps))
         return errors(z) - size * linear
 
     whole, half = off(0.2), off(0.1)
@@ -261,26 +267,28 @@ def test_a_small_constant_residual_brings_about():
     assert np.abs(linear[:3]).max() > 1e-3
 
 
-# Joints beyond need ---------------------------------------------------------------------------------------------------
+# Redundant joints -----------------------------------------------------------------------------------------------------
 
 
 @functools.cache
-def legs() -> schema.Scenario:
-    """Three agents of the scenario `beam`, each with one arm of three joints, round a payload."""
-    given = scenario.load_scenario("beam")
+def three_joint_arms() -> schema.Scenario:
+    """Three agents of the scenario `beam`, each with one arm of three joints, around a payload."""
+    settings = scenario.load_scenario("beam")
     agents = [
         agent.model_copy(update={"contact_positions_m": (c,)})
-        for agent, c in zip(given.agents, ((0.5, 0.0, 0.05), (-0.3, 0.4, 0.05), (-0.3, -0.4, 0.05)), strict=False)
+        for agent, c in zip(settings.agents, ((0.5, 0.0, 0.05), (-0.3, 0.4, 0.05), (-0.3, -0.4, 0.05)), strict=False)
     ]
-    small = given.learning.model_copy(update={"max_samples": 2})
-    return given.model_copy(update={"agents": tuple(agents), "learning": small})
+    small = settings.learning.model_copy(update={"max_samples": 2})
+    return settings.model_copy(update={"agents": tuple(agents), "learning": small})
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
-    """Random links, masses, poses and rates: every mode is faster than half the rate, or than the payload's own 2.1."""
-    rng, given = np.random.default_rng(seed), legs()
-    kind, rate = given.agent_types["one_arm"], float(rng.uniform(1, 4))
+def test_redundant_joints_return_at_the_stated_rate(seed):
+    """Random links, masses, poses and rates: each mode is faster than half the rate, or than the payload's own 2.1
+    1/s.
+    """
+    rng, settings = np.random.default_rng(seed), three_joint_arms()
+    kind, rate = settings.agent_types["one_arm"], float(rng.uniform(1, 4))
     joints = [
         joint.model_copy(
             update={
@@ -292,13 +300,13 @@ def test_joints_beyond_need_return_to_rest_as_fast_as_is_stated(seed):
         for joint in kind.joints
     ]
     arm = kind.arms[0].model_copy(update={"tip_position_m": (0.0, 0.0, -rng.uniform(0.08, 0.3))})
-    changed = given.model_copy(
+    changed = settings.model_copy(
         update={
             "agent_types": {"one_arm": kind.model_copy(update={"joints": tuple(joints), "arms": (arm,)})},
-            "control": given.control.model_copy(update={"posture_bandwidth": rate}),
+            "control": settings.control.model_copy(update={"posture_bandwidth": rate}),
         }
     )
     _, nominal = team.team(changed)
-    pilot, z = controllers.make_controller(changed, nominal), initial_states.equilibrium_state(changed, nominal)
-    slowest = np.linalg.eigvals(linearization.linearize(pilot, z).A).real.max()
+    controlled, z = controllers.make_controller(changed, nominal), initial_states.equilibrium_state(changed, nominal)
+    slowest = np.linalg.eigvals(linearization.linearize(controlled, z).A).real.max()
     assert slowest < -min(rate / 2, 2.0)

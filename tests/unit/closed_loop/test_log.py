@@ -1,4 +1,4 @@
-"""The log: every signal of a flight is there under its name, axes and unit, and files are whole or not there."""
+"""Tests of the log: every signal has its name, axes and unit, and files are written completely or not at all."""
 
 import csv
 import dataclasses
@@ -29,7 +29,7 @@ def rng():
 
 
 def names(folder):
-    """What lies in a folder, hidden files too."""
+    """Return the names of all files in a folder, including hidden ones."""
     return sorted(path.name for path in folder.iterdir())
 
 
@@ -47,19 +47,19 @@ def record(ds, name):
 
 
 @pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED])
-def test_every_field_of_a_row_is_a_variable_on_the_axes(rng, shape):
-    """Every field of a row is a variable on the axes that the row states."""
+def test_every_record_field_is_a_variable_with_its_axes(rng, shape):
+    """Every field of a record is a variable on the axes that its annotation states."""
     rows, _, ds = logged(rng, shape)
     assert set(ds.data_vars) == set(log_signals.SPECS) - (PRISMATIC if shape is flights.PAPER else set())
     np.testing.assert_array_equal(ds.time, rows.t)
     for name in {field.name for field in dataclasses.fields(rows)} - {"t"}:
         np.testing.assert_array_equal(record(ds, name), getattr(rows, name))
-        for dim, stated in zip(record(ds, name).dims, flights.axes(name), strict=True):
+        for dim, stated in zip(record(ds, name).dims, flights.field_axes(name), strict=True):
             assert dim == DIMENSIONS.get(stated) or dim in LABELLED[stated], name
 
 
 @pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED])
-def test_every_variable_says_its_unit_frame_and_symbol(rng, shape, tmp_path):
+def test_every_variable_has_unit_frame_and_symbol(rng, shape, tmp_path):
     """In memory and in the file."""
     log.save(flights.dataset(rng, shape), tmp_path / "C3.nc")
     for ds in (flights.dataset(rng, shape), log.load(tmp_path / "C3.nc")):
@@ -73,7 +73,7 @@ def test_every_variable_says_its_unit_frame_and_symbol(rng, shape, tmp_path):
         assert {"title", "source", "history"} <= set(ds.attrs)
 
 
-def test_rates_have_the_units_of_what_they_are_rates_of(rng):
+def test_rates_have_consistent_units(rng):
     ds = flights.dataset(rng)
     for name, rate in (("p", "v"), ("x", "v_agent"), ("Phi", "Phi_dot")):
         assert ds[rate].attrs["units"] == ds[name].attrs["units"] + "/s"
@@ -83,7 +83,7 @@ def test_rates_have_the_units_of_what_they_are_rates_of(rng):
         assert ds[exact].attrs["frame"] == ds[predicted].attrs["frame"]
 
 
-def test_labels_pick_the_right_number(rng):
+def test_coordinate_labels_select_the_right_value(rng):
     rows, sigma, ds = logged(rng, flights.MIXED)
     assert ds.lam.sel(contact="agent3/arm1", axis="z")[4] == rows.lam[4, 6, 2]
     assert ds.r.sel(joint="agent1/joint2")[3] == rows.r[3, 5]
@@ -96,8 +96,8 @@ def test_labels_pick_the_right_number(rng):
     assert ds.rho_f_L_moment.sel(axis="x")[3] == sigma.payload_radius[3, 3]
 
 
-def test_sigma_norms_are_frobenius_norms_of_the_root(rng):
-    """Sigma norms are frobenius norms of the root of the covariance and rho bar is of each body."""
+def test_sigma_norms_are_frobenius_norms(rng):
+    """Sigma norms are Frobenius norms of the root of the covariance, and rho_bar is that of each body."""
     _, sigma, ds = logged(rng, flights.MIXED)
 
     def norm(deviation):
@@ -114,13 +114,13 @@ def test_sigma_norms_are_frobenius_norms_of_the_root(rng):
                 ds[f"rho_bar_L{part}"][k] ** 2, sum(sigma.payload_radius[k, of] ** 2), rtol=1e-12
             )
             np.testing.assert_allclose(ds[f"rho_bar_j{part}"][k] ** 2, [sum(x * x) for x in radii], rtol=1e-12)
-    # the plain norm joins the parts of one body, so it is between the largest part and their sum
+    # the plain norm over all parts of a body is between the largest part and their sum
     assert (ds.sigma_A <= ds.sigma_A_force + ds.sigma_A_moment + 1e-12).all()
     assert (ds.sigma_A >= np.maximum(ds.sigma_A_force, ds.sigma_A_moment) - 1e-12).all()
 
 
 @pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED, flights.PAPER._replace(time=1, eta=0)])
-def test_a_file_gives_back_every_bit(rng, shape, tmp_path):
+def test_file_round_trip_is_bit_exact(rng, shape, tmp_path):
     ds = flights.dataset(rng, shape, update_times_s=[], version="0.1.0")
     ds.lam[0, 0, 0] = np.nan  # a run that stopped
     ds.lam[0, 0, 1] = -np.inf
@@ -134,7 +134,7 @@ def test_a_file_gives_back_every_bit(rng, shape, tmp_path):
     assert names(tmp_path) == ["C3.nc"]
 
 
-def test_other_readers_understand_the_file(rng, tmp_path):
+def test_file_is_readable_by_other_libraries(rng, tmp_path):
     ds = flights.dataset(rng)
     log.save(ds, tmp_path / "C3.nc")
     with xr.open_dataset(tmp_path / "C3.nc") as plain:  # no options: times must not turn into dates
@@ -147,16 +147,16 @@ def test_other_readers_understand_the_file(rng, tmp_path):
 
 
 @pytest.mark.parametrize("wrong", ["agents", "joints", "contacts"])
-def test_names_that_do_not_fit_are_refused(rng, wrong):
+def test_inconsistent_names_are_refused(rng, wrong):
     shape = flights.PAPER
-    given = shape.names
-    given[wrong] = given[wrong][:-1]
+    names_given = shape.names
+    names_given[wrong] = names_given[wrong][:-1]
     rows, sigma = flights.rows(rng, shape), flights.sigma(rng, shape)
     with pytest.raises(ValueError, match=wrong[:-1]):
-        log.dataset(rows, team=shape.team, sigma=sigma, attrs={}, **given)
+        log.dataset(rows, team=shape.team, sigma=sigma, attrs={}, **names_given)
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(rng, tmp_path):
+def test_unwritable_folder_gives_one_line(rng, tmp_path):
     ds = flights.dataset(rng)
     (tmp_path / "file").write_text("")
     for folder, reason in (("missing", "No such file or directory"), ("file", "Not a directory")):
@@ -167,25 +167,25 @@ def test_a_folder_that_cannot_be_written_is_one_line(rng, tmp_path):
     assert names(tmp_path) == ["file"]
 
 
-def test_a_disk_that_fills_up_leaves_what_was_there(rng, tmp_path):
+def test_full_disk_keeps_the_earlier_file(rng, tmp_path):
     path = tmp_path / "C3.nc"
     path.write_bytes(b"before")
     ds = flights.dataset(rng)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    soft_limit, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))  # no file of this process grows past that
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # limit of the file size of this process
     try:
         with pytest.raises(OSError, match="cannot write") as caught:
             log.save(ds, path)
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft_limit, hard_limit))
         signal.signal(signal.SIGXFSZ, handler)
     assert "\n" not in str(caught.value)
     assert path.read_bytes() == b"before"
     assert names(tmp_path) == ["C3.nc"]
 
 
-def test_an_interrupted_write_leaves_what_was_there(tmp_path, monkeypatch):
+def test_interrupted_write_keeps_the_earlier_file(tmp_path, monkeypatch):
     path = tmp_path / "summary.json"
     path.write_bytes(b"before")
 
@@ -199,7 +199,7 @@ def test_an_interrupted_write_leaves_what_was_there(tmp_path, monkeypatch):
     assert names(tmp_path) == ["summary.json"]
 
 
-def test_files_that_are_no_log_are_refused(rng, tmp_path):
+def test_other_files_are_refused(rng, tmp_path):
     with pytest.raises(FileNotFoundError):
         log.load(tmp_path / "C3.nc")
     log.save(flights.dataset(rng), tmp_path / "C3.nc")
@@ -210,8 +210,8 @@ def test_files_that_are_no_log_are_refused(rng, tmp_path):
             log.load(tmp_path / "C3.nc")
 
 
-def test_the_deviations_of_an_agent_are_as_many_as_its_outputs(rng):
-    """The table of deviations covers what the oracle predicts: 6 and a joint's each."""
+def test_std_table_has_one_row_per_output(rng):
+    """The table of standard deviations covers all outputs of a model: six, and one per joint."""
     shape = flights.MIXED
     _, _, ds = logged(rng, shape)
     outputs = sum(n * (6 + joints) for n, joints, _ in shape.groups)
@@ -219,7 +219,7 @@ def test_the_deviations_of_an_agent_are_as_many_as_its_outputs(rng):
         assert sum(record(ds, f"{what}_{f}")[0].size for f in ("f_x", "f_w", "f_r")) == outputs
 
 
-def test_a_table_reads_back_to_every_digit():
+def test_csv_round_trip_is_exact():
     ds = flights.dataset(np.random.default_rng(5), flights.MIXED)
     head, *rows = csv.reader(io.StringIO(log.to_csv(ds)))
     columns = {name: [row[i] for row in rows] for i, name in enumerate(head)}
@@ -245,7 +245,7 @@ def test_a_table_reads_back_to_every_digit():
     assert len(head) == count
 
 
-def test_a_table_s_deviations_stand_where_they_were_computed():
+def test_csv_std_rows_are_at_their_times():
     ds = flights.dataset(np.random.default_rng(6))
     head, *rows = csv.reader(io.StringIO(log.to_csv(ds)))
     at = head.index("rho_f_x agent1 y [N]")

@@ -1,4 +1,4 @@
-"""Errors of controller parts that do not fit their interface."""
+"""Tests of errors for controller parts that do not implement their interface."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from tests.support import small_team as light
 
 
 @pytree
-class Own:
-    """A payload controller of a user; `fault` selects what is wrong with it."""
+class CustomPayloadController:
+    """User-defined payload controller; `fault` selects its error."""
 
     base: PayloadController
     gain: Any
@@ -41,20 +41,21 @@ class Own:
 
 def with_fault(fault: str) -> flight.Experiment:
     made = experiment.make_experiment(light.settings(), "C1")
-    part = Own(base=made.controller.payload_controller, gain=jnp.ones(()), fault=fault)
+    part = CustomPayloadController(base=made.controller.payload_controller, gain=jnp.ones(()), fault=fault)
     return dataclasses.replace(made, controller=dataclasses.replace(made.controller, payload_controller=part))
 
 
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        ("no state", r"payload_controller: Own.compute: returned AccelerationCommand; must return"),
+        ("no state", r"payload_controller: CustomPayloadController.compute: returned AccelerationCommand; must return"),
         (
             "other state",
-            r"Own.compute: the next state has shapes and types \['float64\[3\]'\]; must be those of `init`",
+            r"CustomPayloadController.compute: the next state has shapes and types \['float64\[3\]'\]; "
+            "must be those of `init`",
         ),
-        ("shape", r"payload_controller: Own.compute: .*"),  # found by beartype first, in tests
-        ("condition", r"Own.compute: a Python condition depends on an array; use `jnp.where`"),
+        ("shape", r"payload_controller: CustomPayloadController.compute: .*"),  # in tests beartype reports it first
+        ("condition", r"CustomPayloadController.compute: a Python condition depends on an array; use `jnp.where`"),
     ],
 )
 def test_fault_is_named_with_part_and_method(fault: str, message: str):
@@ -66,7 +67,7 @@ def test_valid_part_passes():
     part_checks.check_parts(with_fault(""))
 
 
-def test_class_that_is_no_pytree_is_refused():
+def test_class_without_pytree_is_refused():
     class Plain:
         def init(self):
             return ()
@@ -80,4 +81,4 @@ def test_command_of_another_shape_is_refused():
         a, alpha, jerk = jnp.zeros(2), jnp.zeros(3), jnp.zeros(3)
 
     with pytest.raises(part_checks.PartError, match=r"`a` is float64\[2\]; must be float64\[3\]"):
-        part_checks._check_command("payload_controller: Own.compute", Command())
+        part_checks._check_command("payload_controller: CustomPayloadController.compute", Command())

@@ -1,4 +1,4 @@
-"""What ends a flight, against the rules said in plain Python; and the thrust of hovering, against statics by hand."""
+"""Tests of termination limits against rules in plain Python, and of hover thrust against statics."""
 
 from __future__ import annotations
 
@@ -28,48 +28,56 @@ LIMITS = TerminationLimits(
 exceeded = jax.jit(termination.check_termination)
 
 
-def watched(
-    finite: bool, grip: list[float], distance: float, heights: list[float], attitude: float, tilt: list, held: list
+def monitored(
+    finite: bool,
+    delassus: list[float],
+    distance: float,
+    heights: list[float],
+    attitude: float,
+    tilt: list,
+    saturated: list,
 ) -> MonitoredValues:
     return MonitoredValues(
         finite=jnp.asarray(finite),
-        delassus=jnp.asarray(grip),
+        delassus=jnp.asarray(delassus),
         distance=jnp.asarray(distance),
         heights=jnp.asarray(heights),
         attitude=jnp.asarray(attitude),
         tilt=jnp.asarray(tilt),
-        saturated=jnp.asarray(held),
+        saturated=jnp.asarray(saturated),
     )
 
 
-def around(limit: float, n: int) -> st.SearchStrategy:
-    """Numbers, mostly allowed ones: below, at and above a limit."""
+def near_limit(limit: float, n: int) -> st.SearchStrategy:
+    """Strategy of values that are mostly admissible: below, at and above a limit."""
     near = [limit, limit * (1 + 1e-12), limit * (1 - 1e-12), 0.0, limit / 2, limit * 2]
     return st.lists(st.sampled_from(near), min_size=n, max_size=n)
 
 
 @given(
     finite=st.sampled_from([True, True, True, False]),
-    grip=around(0.2, AGENTS),
-    distance=around(3.0, 1),
-    heights=around(0.5, 1 + AGENTS),
-    attitude=around(1.5, 1),
-    tilt=around(1.2, AGENTS),
-    held=around(2.0, AGENTS),
+    grip=near_limit(0.2, AGENTS),
+    distance=near_limit(3.0, 1),
+    heights=near_limit(0.5, 1 + AGENTS),
+    attitude=near_limit(1.5, 1),
+    tilt=near_limit(1.2, AGENTS),
+    held=near_limit(2.0, AGENTS),
 )
-def test_the_first_limit_that_is_exceeded_ends_a_flight(finite, grip, distance, heights, attitude, tilt, held):
+def test_first_exceeded_limit_ends_a_flight(finite, delassus, distance, heights, attitude, tilt, saturated):
     causes = [
         not finite,
-        any(g <= least for g, least in zip(grip, (0.1, 0.2, 0.3), strict=True)),
+        any(g <= least for g, least in zip(delassus, (0.1, 0.2, 0.3), strict=True)),
         distance[0] > 3.0,
         any(h < 0.5 for h in heights),
         attitude[0] > 1.5,
         any(x > 1.2 for x in tilt),
-        any(x > 2.0 for x in held),
+        any(x > 2.0 for x in saturated),
     ]
     expected = next((TerminationCause(1 + k) for k, met in enumerate(causes) if met), TerminationCause.NONE)
     assert (
-        TerminationCause(int(exceeded(LIMITS, watched(finite, grip, distance[0], heights, attitude[0], tilt, held))))
+        TerminationCause(
+            int(exceeded(LIMITS, monitored(finite, delassus, distance[0], heights, attitude[0], tilt, saturated)))
+        )
         == expected
     )
 
@@ -77,9 +85,9 @@ def test_the_first_limit_that_is_exceeded_ends_a_flight(finite, grip, distance, 
 FINE = (True, [1.0] * 3, 0.1, [2.0] * 4, 0.1, [0.1] * 3, [0.0] * 3)
 
 
-def test_a_flight_within_its_limits_goes_on_and_where_there():
-    """A flight within its limits goes on and where there are none whatever it does."""
-    assert int(exceeded(LIMITS, watched(*FINE))) == TerminationCause.NONE
+def test_flight_within_limits_or_without_limits_continues():
+    """A flight within its limits continues, and so does any flight without limits."""
+    assert int(exceeded(LIMITS, monitored(*FINE))) == TerminationCause.NONE
     none = TerminationLimits(
         min_delassus=jnp.full(3, -1.0),
         max_distance=jnp.array(np.inf),
@@ -88,12 +96,12 @@ def test_a_flight_within_its_limits_goes_on_and_where_there():
         max_tilt=jnp.array(np.inf),
         max_saturation_time=jnp.array(np.inf),
     )
-    wild = watched(True, [0.0] * 3, 1e300, [-1e300] * 4, np.pi, [np.pi] * 3, [1e300] * 3)
-    assert int(exceeded(none, wild)) == TerminationCause.NONE
+    exceeding = monitored(True, [0.0] * 3, 1e300, [-1e300] * 4, np.pi, [np.pi] * 3, [1e300] * 3)
+    assert int(exceeded(none, exceeding)) == TerminationCause.NONE
 
 
 @pytest.mark.parametrize(
-    ("part", "value", "said"),
+    ("part", "value", "message"),
     [
         (2, 4.0, "the payload is 4 m from its reference at t = 1.500 s, beyond termination.max_position_error_m = 3"),
         (
@@ -126,22 +134,22 @@ def test_a_flight_within_its_limits_goes_on_and_where_there():
         ),
     ],
 )
-def test_the_sentence_names_who_is_worst_by_how_much(part, value, said):
-    """The sentence names who is worst by how much and the setting."""
-    now = watched(*(value if k == part else x for k, x in enumerate(FINE)))
+def test_message_names_body_value_and_setting(part, value, message):
+    """The message names the worst body, its value and the setting."""
+    now = monitored(*(value if k == part else x for k, x in enumerate(FINE)))
     cause = TerminationCause(int(exceeded(LIMITS, now)))
-    assert termination.format_cause(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == said
+    assert termination.format_cause(cause, LIMITS, jax.tree.map(np.asarray, now), 1.5, NAMES) == message
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_hovering_thrusts_hold_up_the_team_against(seed):
-    """Forces and moments by hand: each thrust carries its agent and pushes at the contacts as the allocation says."""
+def test_hover_thrusts_satisfy_statics(seed):
+    """Forces and moments: each thrust carries its agent and the allocated contact forces."""
     rng = np.random.default_rng(seed)
     team = teams.reference_team(3)
     c = np.array(
         [point for group in team.agent_groups for agent in group.contact_position for point in np.asarray(agent)]
     )
-    plan = allocation.least_squares_allocation(c)
+    experiment = allocation.least_squares_allocation(c)
     R = teams.rotation(rng)
     eta, F, tau, f_x = rng.normal(size=12), rng.normal(size=3), 0.1 * rng.normal(size=3), rng.normal(size=(3, 3))
     f = ResidualForces(
@@ -149,12 +157,12 @@ def test_hovering_thrusts_hold_up_the_team_against(seed):
         payload=Wrench(F=jnp.asarray(F), tau=jnp.asarray(tau)),
     )
     W = Wrench(F=-team.payload.mass * team.gravity - f.payload.F, tau=-f.payload.tau)
-    asked = allocation.allocate(plan, jnp.asarray(R), W, jnp.asarray(eta))
-    u = np.asarray(termination.hover_thrust(team, asked, f))
+    forces = allocation.allocate(experiment, jnp.asarray(R), W, jnp.asarray(eta))
+    u = np.asarray(termination.hover_thrust(team, forces, f))
     pull = np.array([0, 0, -9.81])
     G = np.concatenate([np.concatenate([np.eye(3), np.cross(np.eye(3), point)]) for point in c], axis=1)
-    wanted = -np.concatenate([R.T @ (1.5 * pull + F), tau])
-    lam = np.linalg.lstsq(G, wanted)[0] + np.asarray(plan.nullspace) @ eta
+    expected = -np.concatenate([R.T @ (1.5 * pull + F), tau])
+    lam = np.linalg.lstsq(G, expected)[0] + np.asarray(experiment.nullspace) @ eta
     lam = (lam.reshape(3, 2, 3) @ R.T).sum(1)
     np.testing.assert_allclose(lam.sum(0), -(1.5 * pull + F), atol=1e-12)
     np.testing.assert_allclose(u, np.linalg.norm(lam - 1.84 * pull - f_x, axis=1), rtol=1e-12)

@@ -1,4 +1,4 @@
-"""The compiler and the cache of the native back end: what is loaded is what was compiled, or one line says why not."""
+"""Tests of compiler and cache: only matching libraries are loaded, and each failure gives one message."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ X = jnp.asarray([0.3, -0.2, 0.7])
 
 @pytest.fixture(autouse=True)
 def new_process(monkeypatch, tmp_path):
-    """An empty cache, and nothing known of this host."""
+    """Emulate a new process with an empty cache."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    known = (
+    caches = (
         codegen._target,
         codegen._warn_fallback,
         build._warn_uncached,
@@ -33,10 +33,10 @@ def new_process(monkeypatch, tmp_path):
         build.compiler,
         build.build_environment,
     )
-    for f in known:
+    for f in caches:
         f.cache_clear()
     yield
-    for f in known:
+    for f in caches:
         f.cache_clear()
 
 
@@ -47,7 +47,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def compilations(monkeypatch):
-    """The commands that compile, as they are run."""
+    """Commands of the compiler in their order."""
     runs = []
     real = subprocess.run
     monkeypatch.setattr(
@@ -57,26 +57,26 @@ def compilations(monkeypatch):
 
 
 @pytest.fixture
-def file_for_a_cache(tmp_path):
-    """Not even a superuser can write there."""
+def cache_is_a_file(tmp_path):
+    """Replace the cache folder by a file, which not even a superuser can write to."""
     (tmp_path / "cache").write_text("")
 
 
-def answer(number: int) -> tuple[str, Callable[[], str]]:
-    """The key and source of a library whose function returns a number."""
+def library_source(number: int) -> tuple[str, Callable[[], str]]:
+    """Return key and source of a library whose function returns a number."""
     source = f'#include <math.h>\n__attribute__((visibility("default"))) int colift_native(void) {{ return {number}; }}'
     return build.key(source), lambda: source
 
 
-def ask(number: int) -> int:
-    """What that library, compiled or kept, returns."""
-    return build.library(*answer(number)).colift_native()
+def call_library(number: int) -> int:
+    """Return the value of that library, compiled or cached."""
+    return build.library(*library_source(number)).colift_native()
 
 
 # what is kept
 
 
-def test_compiled_code_is_kept(folder, compilations):
+def test_compiled_code_is_cached(folder, compilations):
     jax.jit(codegen.compile(lambda x: so3.exp(x) * 3))(X)
     assert len(compilations) == 1
     assert [path.suffix for path in folder.iterdir()] == [".so"]
@@ -86,19 +86,19 @@ def test_compiled_code_is_kept(folder, compilations):
 
 
 def damages() -> list[bytes]:
-    """The library of 1 as it may be found: cut, empty, other bytes, one bit turned, another function's."""
+    """Damaged versions of library 1: truncated, empty, other bytes, one bit flipped, another function's library."""
     rng = np.random.default_rng(0)
-    whole = build._compile(answer(1)[1]())
+    whole = build._compile(library_source(1)[1]())
     cut = [whole[:n] for n in (0, 100, 4096, len(whole) - 1, *rng.integers(len(whole), size=4).tolist())]
     turned = [bytearray(whole) for _ in range(4)]
     for library in turned:
         library[rng.integers(len(whole))] ^= 1 << rng.integers(8).item()
-    return [*cut, *map(bytes, turned), rng.bytes(len(whole)), whole + b"x", build._compile(answer(2)[1]())]
+    return [*cut, *map(bytes, turned), rng.bytes(len(whole)), whole + b"x", build._compile(library_source(2)[1]())]
 
 
-def test_what_is_not_what_its_name_says_is_not_loaded_but_made(tmp_path, monkeypatch, compilations):
-    """Each in a cache of its own, as a process loads a file of one name once."""
-    key, source = answer(1)
+def test_damaged_libraries_are_compiled_again(tmp_path, monkeypatch, compilations):
+    """Each in a separate cache, since a process loads a file of one name once."""
+    key, source = library_source(1)
     name = build._file_name(key, build._compile(source()))
     for k, damage in enumerate(damages()):
         monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / str(k)))
@@ -106,38 +106,38 @@ def test_what_is_not_what_its_name_says_is_not_loaded_but_made(tmp_path, monkeyp
         cache.mkdir(parents=True)
         (cache / name).write_bytes(damage)
         compilations.clear()
-        assert ask(1) == 1
+        assert call_library(1) == 1
         assert len(compilations) == 1
         assert [path.name for path in cache.iterdir()] == [name]
         assert (cache / name).read_bytes() != damage
-        assert ask(1) == 1
+        assert call_library(1) == 1
         assert len(compilations) == 1
 
 
-def test_a_library_renamed_to_another_function_s_is_not_loaded(folder):
-    assert ask(1) == 1
+def test_renamed_library_is_not_loaded(folder):
+    assert call_library(1) == 1
     (path,) = folder.iterdir()
-    path.rename(folder / path.name.replace(answer(1)[0], answer(2)[0]))
-    assert ask(2) == 2
+    path.rename(folder / path.name.replace(library_source(1)[0], library_source(2)[0]))
+    assert call_library(2) == 2
 
 
-def test_the_cache_keeps_what_was_used_last(folder, monkeypatch):
+def test_cache_evicts_least_recently_used(folder, monkeypatch):
     monkeypatch.setattr(build, "MAX_LIBRARIES", 2)
-    first = build.library(*answer(1))
+    first = build.library(*library_source(1))
     (path,) = folder.iterdir()
     (folder / "left by a killed process.new").touch()
     for old in folder.iterdir():
         os.utime(old, (0, 0))
-    assert ask(1) == 1  # used: the newest again
-    assert ask(2) == 2
+    assert call_library(1) == 1  # used: the newest again
+    assert call_library(2) == 2
     kept = set(folder.iterdir())
     assert len(kept) == 2
     assert path in kept
     os.utime(path, (0, 0))
-    assert ask(3) == 3
+    assert call_library(3) == 3
     assert path not in set(folder.iterdir())
     assert first.colift_native() == 1  # loaded already
-    assert ask(1) == 1
+    assert call_library(1) == 1
 
 
 CHILD = """
@@ -149,10 +149,10 @@ for k in [0, 1, 2] * 8:
 """
 
 
-def test_processes_may_build_and_forget_the_same_at_once(folder):
+def test_processes_may_build_and_evict_concurrently(folder):
     children = [subprocess.Popen([sys.executable, "-c", CHILD], stderr=subprocess.PIPE, text=True) for _ in range(3)]
-    said = [child.communicate(timeout=300)[1] for child in children]
-    assert [child.returncode for child in children] == [0, 0, 0], said
+    outputs = [child.communicate(timeout=300)[1] for child in children]
+    assert [child.returncode for child in children] == [0, 0, 0], outputs
     assert {path.suffix for path in folder.iterdir()} == {".so"}
 
 
@@ -163,17 +163,17 @@ def warnings(caplog) -> list[str]:
     return [r.getMessage() for r in caplog.records if r.levelno >= logging.WARNING]
 
 
-def test_without_a_cache_each_process_compiles_its_own(file_for_a_cache, compilations, caplog):
-    """Without a cache each process compiles its own and one line says so."""
-    assert [ask(1), ask(2), ask(1)] == [1, 2, 1]
+def test_without_cache_each_process_compiles(cache_is_a_file, compilations, caplog):
+    """Without a cache each process compiles, with one warning."""
+    assert [call_library(1), call_library(2), call_library(1)] == [1, 2, 1]
     assert len(compilations) == 2
     (line,) = warnings(caplog)
     assert "native code cannot be cached (" in line
     assert "Not a directory" in line
 
 
-def test_a_cache_that_is_only_read_is_read(folder, compilations, monkeypatch, caplog):
-    assert ask(1) == 1
+def test_read_only_cache_is_read(folder, compilations, monkeypatch, caplog):
+    assert call_library(1) == 1
 
     def refuse(self, *_, **__):
         raise PermissionError(13, "Permission denied", str(self))
@@ -181,41 +181,45 @@ def test_a_cache_that_is_only_read_is_read(folder, compilations, monkeypatch, ca
     for change in ("write_bytes", "unlink", "replace"):
         monkeypatch.setattr(Path, change, refuse)
     monkeypatch.setattr(os, "utime", refuse)
-    assert ask(1) == 1
+    assert call_library(1) == 1
     assert len(compilations) == 1
     assert warnings(caplog) == []
 
 
-def to_jax(caplog) -> str:
-    """The one line said while JAX does the work."""
+def fallback_warning(caplog) -> str:
+    """Return the one warning while JAX computes the results."""
     for f, args in ((so3.exp, (X,)), (lambda x: so3.log(so3.exp(x)), (X,))):
         np.testing.assert_allclose(jax.jit(codegen.compile(f))(*args), f(*args), atol=1e-14)
     (line,) = warnings(caplog)
     return line
 
 
-def test_without_a_compiler_jax_runs_and_one_line_says_so(monkeypatch, caplog):
+def test_missing_compiler_falls_back_to_jax(monkeypatch, caplog):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
-    assert to_jax(caplog).startswith("no C compiler (cc, gcc, clang or $CC) found: native code runs on JAX instead")
+    assert fallback_warning(caplog).startswith(
+        "no C compiler (cc, gcc, clang or $CC) found: native code runs on JAX instead"
+    )
 
 
-def test_where_no_library_can_be_loaded_jax_runs_and_one_line(folder, monkeypatch, caplog):
-    """Where no library can be loaded jax runs and one line says so."""
+def test_unloadable_library_falls_back_to_jax(folder, monkeypatch, caplog):
+    """If no library can be loaded, JAX computes the results, with one warning."""
 
     def refuse(path):
         raise OSError(f"{path}: failed to map segment from shared object")
 
     monkeypatch.setattr(build.ctypes, "CDLL", refuse)
-    assert f"({folder}: failed to map segment from shared object; " in to_jax(caplog)
+    assert f"({folder}: failed to map segment from shared object; " in fallback_warning(caplog)
 
 
-def test_without_any_folder_jax_runs_and_one_line_says_so(file_for_a_cache, monkeypatch, caplog):
+def test_missing_folder_falls_back_to_jax(cache_is_a_file, monkeypatch, caplog):
     def refuse(**_):
         raise FileNotFoundError(2, "No usable temporary directory found")
 
     monkeypatch.setattr(build.tempfile, "mkdtemp", refuse)
-    assert to_jax(caplog).startswith("no temporary folder (No usable temporary directory found): native code runs on")
+    assert fallback_warning(caplog).startswith(
+        "no temporary folder (No usable temporary directory found): native code runs on"
+    )
 
 
 # the compiler
@@ -223,7 +227,7 @@ def test_without_any_folder_jax_runs_and_one_line_says_so(file_for_a_cache, monk
 
 @pytest.fixture
 def cc(tmp_path, monkeypatch):
-    """Sets `$CC` to a script of its own."""
+    """Set `$CC` to a script."""
 
     def script(text: str) -> None:
         path = tmp_path / "my cc"
@@ -234,19 +238,19 @@ def cc(tmp_path, monkeypatch):
     return script
 
 
-def test_the_compiler_may_be_words(monkeypatch, compilations):
+def test_compiler_variable_may_contain_options(monkeypatch, compilations):
     plain = build.build_environment()
     for f in (build.compiler, build.build_environment):
         f.cache_clear()
     monkeypatch.setenv("CC", "env LC_ALL=C cc -O1")
-    assert ask(1) == 1
+    assert call_library(1) == 1
     assert compilations[0][0].endswith("/env")
     assert compilations[0][1:4] == ["LC_ALL=C", "cc", "-O1"]
     assert build.build_environment() != plain
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "outputs"),
     [
         ("#!/bin/sh\necho broken >&2; exit 3", r"my cc' -m64 --version: exit status 3: broken"),
         ("#!/bin/sh\nexit 0", "my cc' -m64 --version: prints no version"),
@@ -255,27 +259,27 @@ def test_the_compiler_may_be_words(monkeypatch, compilations):
         ("#!/no/such/shell\n", r"my cc' -m64 --version: cannot be run: No such file"),
     ],
 )
-def test_a_compiler_that_does_not_work_is_one_error(text, said, cc, folder):
+def test_broken_compiler_gives_one_error(text, outputs, cc, folder):
     cc(text)
-    with pytest.raises(build.CompilerError, match=said):
+    with pytest.raises(build.CompilerError, match=outputs):
         jax.jit(codegen.compile(so3.exp))(X)
     assert not folder.exists() or list(folder.iterdir()) == []
 
 
-def test_an_open_quotation_is_named(monkeypatch):
+def test_unclosed_quotation_is_reported(monkeypatch):
     monkeypatch.setenv("CC", "'cc")
     with pytest.raises(build.CompilerError, match=r"\$CC is \"'cc\": No closing quotation"):
         build.compiler()
 
 
-def test_a_failing_compiler_is_quoted(folder, monkeypatch):
+def test_output_of_failing_compiler_is_reported(folder, monkeypatch):
     monkeypatch.setattr(build, "FLAGS", ("--no-such-flag",))
     with pytest.raises(build.CompilerError, match="no-such-flag"):
         jax.jit(codegen.compile(lambda x: so3.exp(x) * 4))(X)
     assert list(folder.iterdir()) == []
 
 
-def test_cores_where_the_system_does_not_say(monkeypatch):
+def test_number_of_cores_without_affinity(monkeypatch):
     assert build.available_cores() >= 1
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     assert build.available_cores() == os.cpu_count()

@@ -1,4 +1,4 @@
-"""The native back end against JAX: the same function, the same numbers."""
+"""Tests of generated C code against JAX: equal functions, equal numbers."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from tests.support.pinocchio_team import PinocchioTeam
 BATCH = 11  # neither a multiple of the vector's length nor less
 
 
-def assert_close(got, want, tolerance=1e-12):
+def assert_close(actual, expected, tolerance=1e-12):
     """Equal structure, types and shapes; equal values to a tolerance relative to each array's largest."""
-    assert jax.tree.structure(got) == jax.tree.structure(want)
-    for a, b in zip(jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
+    assert jax.tree.structure(actual) == jax.tree.structure(expected)
+    for a, b in zip(jax.tree.leaves(actual), jax.tree.leaves(expected), strict=True):
         assert a.dtype == b.dtype
         assert a.shape == b.shape
         scale = max(1.0, float(np.max(np.abs(np.asarray(b, float)), initial=0.0, where=np.isfinite(b))))
@@ -36,13 +36,13 @@ def assert_close(got, want, tolerance=1e-12):
 
 
 def emitted(f, *args, batched):
-    """The C of a function."""
+    """Return the C code of a function."""
     leaves, tree = jax.tree.flatten(args)
     return codegen.source(trace(f, tree, leaves)[0], batched=batched)
 
 
-def spread(rng, args):
-    """A batch of arguments near the given ones."""
+def random_batch(rng, args):
+    """Return a batch of arguments close to the given ones."""
 
     def one(x):
         x = np.asarray(x)
@@ -56,9 +56,9 @@ def spread(rng, args):
 
 
 def check(f, *args, tolerance=1e-12):
-    """`native.compile(f)` is `f`, alone and in a batch."""
+    """Assert that `native.compile(f)` equals `f`, alone and in a batch."""
     assert_close(jax.jit(codegen.compile(f))(*args), jax.jit(f)(*args), tolerance)
-    batch = spread(np.random.default_rng(0), args)
+    batch = random_batch(np.random.default_rng(0), args)
     assert_close(jax.jit(jax.vmap(codegen.compile(f)))(*batch), jax.jit(jax.vmap(f))(*batch), tolerance)
 
 
@@ -164,7 +164,7 @@ def test_operations():
 
 
 def test_table_covers_every_rule():
-    """No rule of the interpreter is without a case in the table above, or a named test below."""
+    """Every rule of the interpreter has a case in the table above, or a named test below."""
     jaxpr = jax.make_jaxpr(lambda x, A: [f(x, A) for f in OPERATIONS.values()])(X, A)
     seen = set()
 
@@ -180,7 +180,7 @@ def test_table_covers_every_rule():
 
 
 def random_program(seed):
-    """A random function of a vector and a matrix: each step applies an operation to values made before.
+    """Return a random function of a vector and a matrix; each step applies an operation to earlier values.
 
     Every operation is continuous: a jump would turn rounding of an argument at its edge into a difference.
     """
@@ -215,16 +215,16 @@ def test_random_programs(seed):
 
 
 def test_sine_and_cosine_are_exact_to_rounding():
-    """Against the C library, over twenty orders of magnitude and next to the zeros; infinities give NaN."""
+    """Against the C library, over twenty orders of magnitude and near the zeros; infinities give NaN."""
     rng = np.random.default_rng(0)
     zeros = np.arange(-2000, 2000) * np.pi / 2
     x = np.concatenate([rng.normal(size=4000) * 10.0 ** rng.uniform(-15, 6, 4000), zeros, zeros * (1 + 1e-15),
                         [0.0, -0.0, 99999.9, 1e5, 1e22, np.inf, -np.inf, np.nan]])  # fmt: skip
     f = codegen.compile(lambda x: (jnp.sin(x), jnp.cos(x)))
     with np.errstate(invalid="ignore"):
-        want = np.sin(x), np.cos(x)
-    for got in (jax.vmap(f)(jnp.asarray(x)), zip(*(f(jnp.asarray(v)) for v in x[::200]), strict=True)):
-        for a, b in zip(got, want, strict=True):
+        expected = np.sin(x), np.cos(x)
+    for actual in (jax.vmap(f)(jnp.asarray(x)), zip(*(f(jnp.asarray(v)) for v in x[::200]), strict=True)):
+        for a, b in zip(actual, expected, strict=True):
             a = np.asarray(a)
             np.testing.assert_allclose(a, b if a.size == x.size else b[::200], rtol=0, atol=1.2e-16)
 
@@ -234,7 +234,7 @@ def test_small_angles_keep_relative_accuracy():
     np.testing.assert_allclose(jax.vmap(codegen.compile(jnp.sin))(jnp.asarray(x)), np.sin(x), rtol=3e-16, atol=0)
 
 
-def test_not_a_number_spreads_as_in_jax():
+def test_nan_propagates_as_in_jax():
     x = jnp.array([1.0, jnp.nan, -2.0, jnp.nan])
 
     def f(x, y):
@@ -258,12 +258,14 @@ PLAIN = (jnp.array([0.1, 0.2, 0.3]), jnp.arange(9.0).reshape(3, 3), jnp.array(2)
 
 
 @pytest.mark.parametrize("axes", [(0, None, None, None), (None, 0, 0, None), (1, 2, 0, 0), (None, None, None, 0)])
-def test_any_argument_may_be_shared(axes):
+def test_batches_may_share_any_argument(axes):
     rng = np.random.default_rng(0)
-    args = [x if d is None else jnp.moveaxis(y, 0, d) for x, y, d in zip(PLAIN, spread(rng, PLAIN), axes, strict=True)]
+    args = [
+        x if d is None else jnp.moveaxis(y, 0, d) for x, y, d in zip(PLAIN, random_batch(rng, PLAIN), axes, strict=True)
+    ]
     args[2] = args[2].astype(float)
-    got, want = (jax.jit(jax.vmap(f, in_axes=axes))(*args) for f in (codegen.compile(plain), plain))
-    assert_close(got, want)
+    actual, expected = (jax.jit(jax.vmap(f, in_axes=axes))(*args) for f in (codegen.compile(plain), plain))
+    assert_close(actual, expected)
 
 
 def test_nested_batches():
@@ -310,7 +312,7 @@ def test_derivatives_are_those_of_jax():
     g, (a, b) = codegen.compile(f), PLAIN[:2]
     for d in (jax.grad, jax.jacfwd, jax.hessian):
         assert_close(jax.jit(d(g, argnums=(0, 1)))(a, b), d(f, argnums=(0, 1))(a, b))
-    many = spread(np.random.default_rng(0), (a, b))
+    many = random_batch(np.random.default_rng(0), (a, b))
     assert_close(jax.vmap(jax.grad(g))(*many), jax.vmap(jax.grad(f))(*many))
     assert_close(jax.grad(lambda a: jax.vmap(g, in_axes=(None, 0))(a, many[1]).sum())(a),
                  jax.grad(lambda a: jax.vmap(f, in_axes=(None, 0))(a, many[1]).sum())(a))  # fmt: skip
@@ -320,7 +322,7 @@ def test_derivatives_are_those_of_jax():
 
 
 def per_agent(agent, x, shared):
-    """Enough work an agent not to be unrolled; results that are new, constant, passed on, or shared."""
+    """Return a function of one agent that is too large to unroll; outputs are new, constant, forwarded, or shared."""
     R = so3.exp(x) @ so3.exp(agent["p"] @ x) @ so3.exp(shared) @ agent["p"]
     for _ in range(2):
         R = so3.exp(R[0]) @ R / (1 + (R * R).sum())
@@ -328,7 +330,7 @@ def per_agent(agent, x, shared):
 
 
 @pytest.mark.parametrize("agents", [1, 3, 9])
-def test_over_agents(agents):
+def test_maps_over_agents(agents):
     rng = np.random.default_rng(agents)
     agent = {"p": jnp.asarray(rng.normal(size=(agents, 3, 3))), "unused": jnp.zeros((agents, 5))}
     x, shared = jnp.asarray(rng.normal(size=(agents, 3))), jnp.asarray(rng.normal(size=3))
@@ -341,7 +343,7 @@ def test_over_agents(agents):
     check(f, agent, x, shared)
 
 
-def test_scan_is_a_loop_with_every_kind_of_output():
+def test_scan_with_every_kind_of_output():
     def f(x, steps):
         def body(carry, step):
             R, k, done, unused = carry
@@ -357,7 +359,7 @@ def test_scan_is_a_loop_with_every_kind_of_output():
 
 
 def random_team_program(seed):
-    """A random function of `(agents, 3, 3)` and `(3, 3)`: maps over agents, array code around them, and sums."""
+    """Return a random function of `(agents, 3, 3)` and `(3, 3)`: maps over agents, array code and sums."""
     rng = np.random.default_rng(seed)
     mapped = vmap_agents(lambda a, b, s: (so3.exp(jnp.tanh(a[0])) @ b + s, jnp.sin(a) * b[1][None]), (0, 0, None))
     alone = [jnp.sin, lambda a: a / (1 + a * a), lambda a: a.swapaxes(1, 2), lambda a: a[:, ::-1], jnp.tanh,
@@ -410,7 +412,7 @@ def test_random_programs_over_agents(seed, agents):
     check(random_team_program(seed), a, s, tolerance=1e-11)
 
 
-def test_code_does_not_grow_with_the_agents():
+def test_code_size_is_independent_of_the_number_of_agents():
     def lines(agents):
         def f(agent, x, shared):
             out = vmap_agents(per_agent, (0, 0, None))(agent, 2 * x[:, ::-1], shared)
@@ -425,7 +427,7 @@ def test_code_does_not_grow_with_the_agents():
 
 
 def test_arrays_without_elements_are_read_and_written():
-    """Of a vehicle without joints, say."""
+    """For example of a vehicle without joints."""
 
     def f(none, log, i, x):
         none = jax.lax.fori_loop(0, i, lambda k, y: y.at[k].set(y[k] + x.sum()), none)
@@ -449,7 +451,7 @@ def test_large_teams_do_not_overflow_the_stack():
     check(f, *args, tolerance=1e-10)
 
 
-def test_dimensions_may_be_integers_of_numpy():
+def test_dimensions_may_be_numpy_integers():
     def f(x):
         wide = jax.lax.broadcast_in_dim(x, (4, 2), (np.int64(0),))
         return vmap_agents(jnp.sin)(wide), jnp.transpose(wide, (np.int64(1), np.int64(0)))
@@ -468,7 +470,7 @@ def test_a_native_function_batched_inside_a_native_function():
 
 
 @pytest.mark.long
-def test_over_is_vmap():
+def test_vmap_agents_equals_vmap():
     def f(x, y):
         return {"a": jnp.sin(x) @ y, "b": x.sum()}
 
@@ -490,7 +492,7 @@ def test_over_is_vmap():
 
 
 def statements(f, *args):
-    """The statements of the one function that is emitted."""
+    """Return the statements of the one emitted function."""
     text = emitted(f, *args, batched=False)
     (body,) = re.findall(r"noinline\)\) void f0\(.*?\) \{\n(.*?)\n\}", text, re.DOTALL)
     return [line.strip() for line in body.splitlines()]
@@ -503,8 +505,8 @@ def test_constants_fold_and_dead_code_is_dropped():
     assert statements(lambda x: jnp.sin(x) * 0.0 + (x * 7.0 - x * 7.0), jnp.ones(())) == ["o0[0] = 0.0;"]
 
 
-def test_what_is_folded_is_zero_of_not_a_number_too():
-    """The one place where native values are not JAX's: a literal zero times or over x, and x - x, as real numbers."""
+def test_folded_zeros_ignore_nan():
+    """The only difference to JAX: a literal zero times or over x, and x - x, are zero as for real numbers."""
     f = codegen.compile(lambda x: (0.0 * x, 0.0 / x, x - x, (x + 1.0) - (1.0 + x)))
     for x in (jnp.nan, jnp.inf, 0.0):
         assert f(jnp.array(x)) == (0.0, 0.0, 0.0, 0.0)
@@ -520,17 +522,17 @@ def test_equal_expressions_are_computed_once():
 # refusals and fallbacks
 
 
-def test_unknown_operations_are_named_with_their_place():
+def test_unknown_operations_are_named_with_source_line():
     with pytest.raises(codegen.UnsupportedPrimitive, match=r"'sort' is not supported, at .*test_codegen\.py"):
         emitted(lambda x: jnp.sort(x), X, batched=False)
 
 
-def test_what_is_too_large_to_write_out_is_refused():
+def test_too_large_programs_are_refused():
     with pytest.raises(codegen.UnsupportedPrimitive, match="'cumsum' would be 60000 statements of C"):
         emitted(jnp.cumsum, jnp.ones(60_000), batched=False)
 
 
-def test_other_platforms_get_jax():
+def test_other_platforms_use_jax():
     traced = jax.jit(codegen.compile(so3.exp)).trace(X[1:])
     assert "colift_" in traced.lower(lowering_platforms=("cpu",)).as_text()
     assert "colift_" not in traced.lower(lowering_platforms=("cuda",)).as_text()
@@ -555,7 +557,7 @@ def test_threads_must_be_positive():
 
 
 def plant_step(team, z, inputs, f, dt):
-    """One step of the plant on the grasp."""
+    """Return one step of the plant on the grasp."""
     return contact_dynamics.project_to_constraints(
         team, contact_dynamics.rkmk4_step(team, z, inputs, lambda z, _: f, dt)
     )
@@ -563,7 +565,7 @@ def plant_step(team, z, inputs, f, dt):
 
 @pytest.mark.parametrize("structure", [teams.POOL[2], pytest.param(teams.POOL[6], marks=pytest.mark.long)])
 def test_plant(structure):
-    """The plant's step, with every number of the team an argument: alone and in a batch of different teams."""
+    """One step of the plant with all team parameters as arguments: alone and in a batch of different teams."""
     rng = np.random.default_rng(0)
     samples = []
     for _ in range(BATCH):
@@ -578,13 +580,13 @@ def test_plant(structure):
         )
         samples.append((team, z, inputs, zero_residual(team), jnp.array(1e-4)))
     by_jax = jax.jit(plant_step)
-    want = [by_jax(*sample) for sample in samples]
+    expected = [by_jax(*sample) for sample in samples]
     by_native = jax.jit(codegen.compile(plant_step))
-    for sample, result in zip(samples, want, strict=True):
+    for sample, result in zip(samples, expected, strict=True):
         assert_close(by_native(*sample), result)
-    flat = [jax.tree.leaves(sample) for sample in samples]  # a batch of teams is no team: it has no annotated shapes
+    flat = [jax.tree.leaves(sample) for sample in samples]  # a batch of teams does not have the annotated shapes
     batch = [jnp.stack(x) for x in zip(*flat, strict=True)]
-    results = [jnp.stack(x) for x in zip(*map(jax.tree.leaves, want), strict=True)]
+    results = [jnp.stack(x) for x in zip(*map(jax.tree.leaves, expected), strict=True)]
     tree = jax.tree.structure(samples[0])
     step = codegen.compile(lambda *x: jax.tree.leaves(plant_step(*jax.tree.unflatten(tree, x))))
     assert_close(jax.jit(jax.vmap(step))(*batch), results)

@@ -1,4 +1,4 @@
-"""Integers in native code: JAX's own, or an error."""
+"""Tests of integers in generated code: results equal to JAX, or an error."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ STEPS = {
 
 
 def exactly(name: str, a: int, b: int) -> list[int]:
-    """The integers that a step passes through, by Python's; an empty list where there is none."""
+    """Return the intermediate integers of a step by Python; an empty list if undefined."""
     quotient = [abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)] if b else []
     return {
         "add": [a + b], "sub": [a - b], "mul": [a * b], "square": [a * a], "cube": [a**3],
@@ -48,8 +48,8 @@ COMPILED = {name: codegen.compile(f) for name, f in STEPS.items()}
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=20)
 @given(data=st.data())
-def test_a_step_is_jax_s_or_refused(kind, data):
-    """Right wherever no step of it leaves what is carried, an error wherever one does."""
+def test_integer_steps_equal_jax_or_are_refused(kind, data):
+    """Correct while all intermediate values are representable; otherwise an error."""
     low, high = KINDS[kind]
     near = st.sampled_from([low, low + 1, high, high - 1, 0, 1, 2, 2**16, 2**26 + 1]).filter(lambda x: low <= x <= high)
     one = st.one_of(near, st.integers(low, high), st.integers(max(low, -1000), 1000))
@@ -58,16 +58,16 @@ def test_a_step_is_jax_s_or_refused(kind, data):
     args = jnp.asarray(a, kind), jnp.asarray(b, kind)
     steps = exactly(name, a, b)
     if steps and all(low <= x <= high for x in steps):
-        got, want = COMPILED[name](*args), STEPS[name](*args)
-        assert got.dtype == want.dtype
-        assert int(got) == int(want) == steps[-1]
+        actual, expected = COMPILED[name](*args), STEPS[name](*args)
+        assert actual.dtype == expected.dtype
+        assert int(actual) == int(expected) == steps[-1]
     else:
         with pytest.raises(REFUSED, match="integer out of its type's range or beyond 2\\^53"):
             jax.block_until_ready(COMPILED[name](*args))
 
 
-def test_one_sample_of_a_batch_is_enough_and_says_nothing():
-    """One sample of a batch is enough and says nothing of the next call."""
+def test_one_overflow_in_a_batch_is_an_error():
+    """One overflow in a batch raises an error and does not affect the next call."""
     square = jax.jit(jax.vmap(codegen.compile(lambda k: k * k, threads=2)))
     k = np.arange(300)
     assert (np.asarray(square(jnp.asarray(k))) == k**2).all()
@@ -89,7 +89,7 @@ def test_arguments_and_conversions_are_checked():
             jax.block_until_ready(f(x))
 
 
-def test_what_is_known_is_refused_where_it_is_written():
+def test_constant_overflow_is_refused_at_compile_time():
     with pytest.raises(OverflowError, match=r"an int64 would be 2\d+; .* carried exactly, at .*test_integers"):
         codegen.compile(lambda k: k + jnp.asarray(2**53 - 1) * jnp.asarray(3))(jnp.asarray(1))
     with pytest.raises(OverflowError, match=f"the integer {2**63 - 1} is not exactly a double"):
@@ -98,7 +98,7 @@ def test_what_is_known_is_refused_where_it_is_written():
         codegen.kernel(jax.make_jaxpr(lambda k: k.astype(jnp.int8).astype(float))(jnp.asarray(1)))
 
 
-def test_integers_are_chosen_by_computed_indices():
+def test_integers_at_computed_indices():
     k = jnp.asarray([4, 5, 6])
     f = lambda k: tuple(jnp.take(k, jnp.argmax(k) + 7, mode=mode) for mode in ("clip", "fill")) + (k[jnp.argmin(k)],)  # noqa: E731
     assert list(map(int, codegen.compile(f)(k))) == list(map(int, f(k)))

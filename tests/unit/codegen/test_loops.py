@@ -1,4 +1,4 @@
-"""The native back end's loops, branches and computed places against JAX, on random shapes and indices."""
+"""Tests of loops, branches and computed indices in generated code against JAX, on random shapes and indices."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from colift.codegen import outlining
 from tests.unit.codegen.test_codegen import assert_close, check, emitted
 
 
-def both(f, *args):
-    """`f` natively and in JAX, alone."""
+def check_single(f, *args):
+    """Assert that native code equals JAX, without a batch."""
     assert_close(jax.jit(codegen.compile(f))(*args), jax.jit(f)(*args))
 
 
 @pytest.mark.long
 @settings(max_examples=6)
 @given(st.integers(0, 10**9))
-def test_random_places(seed):
-    """Reads and writes at indices in and out of range, in every mode JAX has for them; integers and masks too."""
+def test_random_indices(seed):
+    """Reads and writes at indices in and out of range in all modes of JAX; integers and masks too."""
     rng = np.random.default_rng(seed)
     shape = tuple(int(n) for n in rng.integers(1, 6, 3))
     A, i = jnp.asarray(rng.normal(size=shape)), jnp.asarray(rng.integers(-9, 9, (2, 3)))
@@ -47,7 +47,7 @@ def test_random_places(seed):
 
 @pytest.mark.parametrize("ticks", [0, 1, 7])
 def test_while_writes_to_its_carry(ticks):
-    """A log written row by row, data that grow, a state, and what stays; in a batch each sample stops by itself."""
+    """A log written by rows, growing data, a state, and constants; in a batch each sample ends separately."""
 
     def f(x, ticks, log):
         def body(carry):
@@ -62,12 +62,12 @@ def test_while_writes_to_its_carry(ticks):
         return jax.lax.while_loop(lambda c: (c[3] < ticks) & (c[0].sum() < 2.8), body, start)
 
     x, log = jnp.array([0.3, -0.1, 0.2]), jnp.zeros((5, 3)) - 1
-    both(f, x, jnp.array(ticks), log)
+    check_single(f, x, jnp.array(ticks), log)
     many = jnp.asarray(np.random.default_rng(0).normal(size=(6, 3))), jnp.arange(6), jnp.tile(log, (6, 1, 1))
     assert_close(jax.jit(jax.vmap(codegen.compile(f)))(*many), jax.jit(jax.vmap(f))(*many))
 
 
-def test_a_log_is_written_in_place():
+def test_log_is_written_in_place():
     def f(log, n):
         step = lambda c: (c[0].at[c[1]].set(jnp.sin(c[0][c[1] - 1]) + 1), c[1] + 1)  # noqa: E731
         return jax.lax.while_loop(lambda c: c[1] < n, step, (log, n - n))
@@ -76,7 +76,7 @@ def test_a_log_is_written_in_place():
     text = emitted(f, log, jnp.array(20), batched=False)
     assert text.count("memcpy(m, a0, 120 ") + text.count("memcpy(m, in[0], 120 ") <= 1
     assert sum("120 * sizeof" in line for line in text.splitlines()) <= 2  # in, and out
-    both(f, log, jnp.array(20))
+    check_single(f, log, jnp.array(20))
 
 
 @pytest.mark.parametrize("length", [0, 1, 2, 33])
@@ -96,7 +96,7 @@ def test_scans_of_any_length(length):
     check(f, jnp.ones(12), jnp.asarray(rng.normal(size=(12, 12)) / 12), steps)
 
 
-def test_large_branches_are_branches():
+def test_large_branches_are_not_evaluated_both():
     def f(k, A):
         many = [lambda A, s=s: jnp.sin(A @ A * s) @ jnp.cos(A) + s for s in (1.0, 2.0, 3.0)]
         return jax.lax.switch(k, many, A), jax.lax.cond(k > 0, many[0], lambda A: A, A)
@@ -115,7 +115,7 @@ def test_large_branches_are_branches():
 @settings(max_examples=5)
 @given(st.integers(0, 10**9))
 def test_random_programs_of_large_arrays(seed):
-    """Elementwise code, products, transposes and reductions along long axes, joined at random."""
+    """Elementwise code, products, transposes and reductions along long axes, combined at random."""
     rng = np.random.default_rng(seed)
     n, m = (int(k) for k in rng.choice([16, 19, 37, 64], 2))
     a, b = jnp.asarray(rng.normal(size=(n, m))), jnp.asarray(rng.normal(size=(2, m, 5)))
@@ -144,7 +144,7 @@ def test_random_programs_of_large_arrays(seed):
     check(f, a, b, tolerance=1e-10)
 
 
-def test_reductions_of_nothing_and_of_what_is_no_number():
+def test_reductions_of_empty_arrays_and_nan():
     x = jnp.zeros((40, 40)).at[3, 4].set(jnp.nan)
 
     def f(x):
@@ -154,7 +154,7 @@ def test_reductions_of_nothing_and_of_what_is_no_number():
     jax.tree.map(np.testing.assert_array_equal, codegen.compile(f)(x), jax.jit(f)(x))
 
 
-def test_posterior_means_are_loops():
+def test_posterior_means_compile_to_loops():
     rng = np.random.default_rng(0)
     hyper = gp.make_hyperparameters(np.array([1.0, 0.3]), rng.uniform(1, 2, (2, 6)), 1e-2, 0.5)
     models = [gp.condition(rng.normal(size=(50, 6)), rng.normal(size=(50, 2)), hyper, 61) for _ in range(3)]
@@ -165,7 +165,7 @@ def test_posterior_means_are_loops():
 
     x = jnp.asarray(rng.normal(size=(3, 6)))
     assert emitted(f, stacked, x, batched=False).count("\n") < 2000
-    flat, tree = jax.tree.flatten((stacked, x))  # a batch of models is no model: it has no annotated shapes
+    flat, tree = jax.tree.flatten((stacked, x))  # a batch of models does not have the annotated shapes
     g = lambda *leaves: f(*jax.tree.unflatten(tree, leaves))  # noqa: E731
     assert_close(jax.jit(codegen.compile(g))(*flat), jax.jit(g)(*flat), 1e-11)
 
@@ -173,13 +173,17 @@ def test_posterior_means_are_loops():
 def test_exponentials_are_exact_to_rounding():
     x = np.concatenate([np.linspace(-746, 711, 4001), [0.0, -0.0, 1e-300, np.inf, -np.inf, np.nan, 709.78, -745.1]])
     f = codegen.compile(jnp.exp)
-    for got in (jax.vmap(f)(jnp.asarray(x)), jnp.stack([f(jnp.asarray(v)) for v in x[::97]])):
-        want = np.array([math.inf if v > 709.79 else math.exp(v) for v in (x if got.size == x.size else x[::97])])
-        np.testing.assert_allclose(got, want, rtol=4e-16, atol=2.3e-308)  # XLA runs with denormals flushed to zero
+    for actual in (jax.vmap(f)(jnp.asarray(x)), jnp.stack([f(jnp.asarray(v)) for v in x[::97]])):
+        expected = np.array(
+            [math.inf if v > 709.79 else math.exp(v) for v in (x if actual.size == x.size else x[::97])]
+        )
+        np.testing.assert_allclose(
+            actual, expected, rtol=4e-16, atol=2.3e-308
+        )  # XLA runs with denormals flushed to zero
 
 
-def test_long_functions_are_cut(monkeypatch):
-    """What is cut computes the same: values and masks that are used further on lie in the frame."""
+def test_long_functions_are_split(monkeypatch):
+    """Split functions compute the same; values and masks that are used later are stored in the frame."""
     monkeypatch.setattr(outlining, "MAX_PART_LINES", 40)
     A = jnp.asarray(np.random.default_rng(0).normal(size=(6, 6)))
 

@@ -1,4 +1,4 @@
-"""A made-up project with two proofs, in a repository of its own."""
+"""A small project with two evidence modules in its own repository."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ def commit(root: Path) -> None:
 
 
 def clear() -> None:
-    """Drop the table of renamed keys that was read."""
+    """Discard the loaded table of renamed keys."""
     evidence._names.cache_clear()
     evidence._renamed.cache_clear()
 
 
 @pytest.fixture
 def project(tmp_path, monkeypatch):
-    """The project's folder; `evidence` is pointed at it, and child processes import its modules."""
+    """Folder of the project; `evidence` uses it, and child processes import its modules."""
     for name, text in FILES.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
@@ -84,7 +84,7 @@ def project(tmp_path, monkeypatch):
     monkeypatch.setattr(evidence, "ROOT", tmp_path)
     monkeypatch.setattr(evidence, "RESULTS", tmp_path / "evidence" / "results")
     monkeypatch.setattr(evidence, "RENAMED", tmp_path / "evidence" / "renamed.json")
-    monkeypatch.setattr(evidence.rests_on, "__defaults__", (tmp_path,))
+    monkeypatch.setattr(evidence.files_behind, "__defaults__", (tmp_path,))
     clear()
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     commit(tmp_path)
@@ -94,7 +94,7 @@ def project(tmp_path, monkeypatch):
 
 @pytest.fixture
 def change(project):
-    """A function that writes another file behind `proof`, which computes the same, and commits it."""
+    """Function that writes and commits another version of a dependency that computes the same."""
 
     def write() -> None:
         (project / "benchmarks" / "model.py").write_text("def scale(x):\n    return x * 2.0 / 3\n")
@@ -105,11 +105,11 @@ def change(project):
 
 @pytest.fixture
 def store(project):
-    """A function that stores a result of `proof` with given items, as computed at the last commit."""
+    """Function that stores a result of `proof` with given items, as computed at the last commit."""
 
     def save(items: dict) -> None:
         made = {"command": "./dev evidence proof", "machine": "a machine", "commit": evidence.head()}
-        files = evidence.rests_on(project / "evidence" / "proof.py")
+        files = evidence.files_behind(project / "evidence" / "proof.py")
         evidence.save(evidence.RESULTS / "proof.json", {**made, "date": "2026-01-02", "files": files, "items": items})
 
     return save

@@ -8,7 +8,7 @@ from evidence import dependencies
 
 def test_closure_follows_packages_lazy_names_and_locks(project):
     """Relative imports, imports in `try`, names served lazily, scenarios by name and locks by imported package."""
-    files = evidence.rests_on(project / "evidence" / "layered.py")
+    files = evidence.files_behind(project / "evidence" / "layered.py")
     package = ("", "models/", "onboard/", "math/")
     modules = ("models/gains", "onboard/law", "onboard/parts", "math/so3", "math/fast")
     assert set(files) == {
@@ -22,24 +22,24 @@ def test_closure_follows_packages_lazy_names_and_locks(project):
 
 
 def test_result_is_stale_when_a_pin_changes(project, store):
-    """Another hash or comment of a lock is no change, another version is one."""
+    """Another hash or comment of a lock file changes nothing; another version does."""
     store({})
     lock = project / "requirements" / "run.txt"
     lock.write_text("# a comment\nnumpy==2.0 --hash=sha256:2\n")
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     lock.write_text("numpy==2.1\n")
-    assert evidence.behind("proof") == ["requirements/run.txt"]
+    assert evidence.changed_files("proof") == ["requirements/run.txt"]
 
 
 def test_results_without_locks_use_those_of_their_commit(project, store):
-    """A result of before locks were recorded is compared with the lock files of its commit."""
+    """A result without recorded locks is compared with the lock files of its commit."""
     store({})
     made = evidence._record("proof")
     made["files"] = {path: of for path, of in made["files"].items() if not path.startswith("requirements")}
     evidence.save(evidence.RESULTS / "proof.json", made)
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     (project / "requirements" / "run.txt").write_text("numpy==2.1\n")
-    assert evidence.behind("proof") == ["requirements/run.txt"]
+    assert evidence.changed_files("proof") == ["requirements/run.txt"]
 
 
 def test_pins_of_a_lock():
@@ -48,8 +48,8 @@ def test_pins_of_a_lock():
     assert dependencies.pins(text) == {"a-b": "1.0", "c": "2 ; python_version < '4'"}
 
 
-def test_meaning_ignores_words_and_layout():
-    """Docstrings, comments and line breaks do not count, code does."""
+def test_meaning_ignores_comments_and_layout():
+    """Docstrings, comments and line breaks do not count; code does."""
     one = 'def f(x):\n    """Say."""\n    return x + 1\n'
     assert dependencies.meaning(one, ".py") == dependencies.meaning("def f(x):  # why\n\n    return x+1", ".py")
     assert dependencies.meaning(one, ".py") != dependencies.meaning("def f(x):\n    return x + 2\n", ".py")

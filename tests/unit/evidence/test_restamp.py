@@ -1,4 +1,4 @@
-"""Results stamped by one replayed item."""
+"""Tests of stamping results after one item is computed again."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ from evidence import restamp
 
 
 def stored(x: float, **more: object) -> dict:
-    """An item as the proof stored it under an earlier name of its case."""
+    """An item as stored under a former name of its case."""
     return {"C4": {"e_p_rms_m": x, "wall_time_s": 3.0, "stopped": ""}, "n": [1, 2]} | more
 
 
 def test_equal_item_stamps_the_result(store, change):
-    """The stamp has today's files and commit, the items today's names, the computation its own date and commit."""
+    """The stamp has the present files and commit, items have present names, and the computation keeps its date and
+    commit.
+    """
     store({"1": stored(2 / 3), "2": stored(5.0)})
     computed_at = evidence.head()
     change()
-    assert evidence.behind("proof") == ["benchmarks/model.py"]
+    assert evidence.changed_files("proof") == ["benchmarks/model.py"]
     holds, line = restamp.restamp("proof")
     assert holds
     assert line.startswith("stamped: item '1' is equal, replayed in ")
@@ -32,12 +34,12 @@ def test_equal_item_stamps_the_result(store, change):
     assert made["replayed"]["item"] == "1"
     assert list(made["items"]["2"]) == ["adaptive", "n"]
     assert made["items"]["1"]["adaptive"]["wall_time_s"] == 3.0
-    assert evidence.behind("proof") == []
+    assert evidence.changed_files("proof") == []
     assert restamp.restamp("proof") == (True, "nothing changed since")
 
 
 def test_different_item_leaves_the_result_stale(store, change):
-    """The first difference is told and recorded; the same code is replayed again only when asked."""
+    """The first difference is printed and recorded; the same code is computed again only on request."""
     store({"1": stored(0.5)})
     before = evidence._record("proof")
     change()
@@ -62,8 +64,8 @@ def test_different_item_leaves_the_result_stale(store, change):
         ("other", 60.0, "proof has no item 'other'"),
     ],
 )
-def test_item_that_cannot_be_replayed_is_left_alone(store, change, item, limit_s, why):
-    """The result file stays as it is."""
+def test_failed_replay_leaves_the_result_unchanged(store, change, item, limit_s, why):
+    """The result file is unchanged."""
     store({name: stored(1.0) for name in ("1", "slow", "broken", "other")})
     change()
     before = evidence._record("proof")
@@ -97,16 +99,16 @@ def test_uncommitted_code_is_not_stamped(project, store):
     ],
 )
 def test_differences_of_items(old, new, keys):
-    """Times, versions and the words of messages do not count, all else does."""
+    """Times, versions and message texts do not count; everything else does."""
     assert [one.key for one in restamp.differences(old, new)] == keys
 
 
 def test_command_states_each_result_in_one_line(project, store, capsys):
-    """The status is 1 where a result stays behind, 2 for an unknown name."""
+    """The status is 1 if a result stays outdated, 2 for an unknown name."""
     store({"1": stored(2 / 3)})
     assert restamp.main([], ["proof", "layered"]) == 1
-    said = capsys.readouterr().out.splitlines()
-    assert [line.split(maxsplit=1) for line in said] == [["proof", "nothing changed since"], ["layered", "no result"]]
+    output = capsys.readouterr().out.splitlines()
+    assert [line.split(maxsplit=1) for line in output] == [["proof", "nothing changed since"], ["layered", "no result"]]
     assert restamp.main(["proof"], ["proof"]) == 0
     for wrong in (["another"], ["--item", "1"]):
         with pytest.raises(SystemExit):
@@ -114,7 +116,7 @@ def test_command_states_each_result_in_one_line(project, store, capsys):
 
 
 def test_renamed_keys_of_one_result(project):
-    """Words apply to every key, further tables to the result that they belong to."""
+    """Words apply to every key, and additional tables to their result only."""
     own = {"keys": {"left": "violations"}, "phrases": {"late update": "late_update"}}
     table = {"words": {"F": "feedback"}, "values": {"x": "y"}, "results": {"proof": own}}
     (project / "evidence" / "renamed.json").write_text(json.dumps(table))

@@ -20,7 +20,7 @@ MARKED = [path for path in status.pages(ROOT) if results_tables.MARKER.search(pa
 
 @pytest.mark.parametrize("path", PAGES, ids=[path.stem for path in PAGES])
 def test_page_has_all_its_tables(path: Path):
-    """Each marker becomes a table with rows, and the page has a table of how the results were made."""
+    """Each marker becomes a table with rows, and the page states how the results were computed."""
     text = results_tables.fill(path.read_text())
     assert "<!-- table" not in text
     for table in re.findall(r"(?:^\|.*\n?)+", text, re.MULTILINE):
@@ -35,17 +35,17 @@ def test_each_table_and_each_result_is_on_a_page():
     used = {name for path in status.pages(ROOT) for name in results_tables.MARKER.findall(path.read_text())}
     assert {name for name in results_tables.TABLES if not name.endswith(".readme")} <= used
     quoted = {name for path in PAGES for name in status.quoted(path.read_text())}
-    assert quoted | {"renaming"} == set(__main__.proofs())  # decision 0061 describes the proof of the renaming
+    assert quoted | {"renaming"} == set(__main__.module_names())  # decision 0061 describes the proof of the renaming
 
 
 @pytest.mark.parametrize("path", [path for path in MARKED if path not in PAGES], ids=lambda path: path.name)
-def test_table_of_a_page_without_a_build_is_up_to_date(path: Path):
+def test_committed_tables_are_up_to_date(path: Path):
     """`python docs/results_tables PAGE` would change nothing."""
     assert results_tables.main(["--check", str(path)]) == 0
 
 
-def test_rival_and_nominal_share_stand_beside_the_bounds():
-    """The smaller bounds of split-conformal prediction and the nominal error are on the page of the bounds."""
+def test_bounds_table_has_baseline_and_nominal_error():
+    """The table of bounds contains the bound of split-conformal prediction and the nominal error."""
     text = results_tables.fill((ROOT / "docs" / "results" / "certificate.md").read_text())
     ratio = {row.split(" | ")[0][2:]: float(row.split(" | ")[2]) for row in text.splitlines() if "| 0 of 16 |" in row}
     assert ratio["split-conformal prediction"] < ratio["optimal recovery (this project)"]
@@ -71,8 +71,8 @@ def test_numbers_have_three_significant_digits(x, text):
     assert results_tables.number(x) == text
 
 
-def test_table_stays_between_its_markers(monkeypatch):
-    """A page that is filled twice has its table once."""
+def test_table_is_replaced_between_its_markers(monkeypatch):
+    """Filling a page twice gives one table."""
     monkeypatch.setitem(results_tables.TABLES, "a.b", lambda: "| x |")
     once = results_tables.fill("Before.\n\n<!-- table: a.b -->\n\nAfter.", keep=True)
     assert once == "Before.\n\n<!-- table: a.b -->\n\n| x |\n\n<!-- end -->\n\nAfter."

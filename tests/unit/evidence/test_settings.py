@@ -1,4 +1,4 @@
-"""Settings that the evidence modules write as text: all are accepted."""
+"""Tests that all settings written by the evidence modules are accepted."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from colift import scenario
 from evidence import baselines, changes, generalization, react, redundant
 
 
-@pytest.mark.parametrize("world", changes.WORLDS)
+@pytest.mark.parametrize("world", changes.ENVIRONMENTS)
 def test_settings_of_changes(world):
-    """Each world's scenario accepts its changes."""
-    name, made, _ = changes.WORLDS[world]
+    """The scenario of each environment accepts its changes."""
+    name, made, _ = changes.ENVIRONMENTS[world]
     made = made(0) if callable(made) else made
-    scenario.load_scenario(name, [changes.AHEAD, *made, "seed=0"])
+    scenario.load_scenario(name, [changes.PREVIEW_SETTING, *made, "seed=0"])
 
 
 def test_settings_of_random_environments():
@@ -26,7 +26,7 @@ def test_settings_of_random_environments():
 
 @pytest.mark.parametrize("condition", generalization.CONDITIONS)
 def test_settings_of_conditions(condition):
-    """Each condition in which frozen models are flown."""
+    """Each condition in which frozen models are simulated."""
     generalization.settings(condition, 0)
 
 

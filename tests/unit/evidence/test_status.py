@@ -1,4 +1,4 @@
-"""States of results, and pages that quote them."""
+"""Tests of the status of results and of pages that quote them."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ NAMES = ["layered", "proof"]
     ],
 )
 def test_results_that_a_page_quotes(text, names):
-    """Both markers name results."""
+    """Both markers contain names of results."""
     assert status.quoted(text) == names
 
 
 def test_status_is_1_where_a_page_quotes_a_stale_result(project, store, capsys):
-    """A stale or missing result alone is no fault; one that a page quotes is."""
+    """A stale or missing result is an error only if a page quotes it."""
     store({})
     page = project / "docs" / "results" / "page.md"
     page.parent.mkdir(parents=True)
     page.write_text("<!-- evidence: proof -->\n")
     assert status.main([], NAMES) == 0
-    said = capsys.readouterr().out
-    assert "proof        2026-01-02 at " in said
-    assert "layered      no result yet" in said
+    output = capsys.readouterr().out
+    assert "proof        2026-01-02 at " in output
+    assert "layered      no result yet" in output
     (project / "benchmarks" / "model.py").write_text("scale = 1\n")
     assert status.main([], NAMES) == 1
-    said = capsys.readouterr().out
-    assert "since then changed: benchmarks/model.py" in said
-    assert "docs/results/page.md: quotes proof, which is older than its code or missing" in said
+    output = capsys.readouterr().out
+    assert "since then changed: benchmarks/model.py" in output
+    assert "docs/results/page.md: quotes proof, which is older than its code or missing" in output
     assert status.main(["layered"], NAMES) == 0
     page.write_text("<!-- table: unknown.errors -->\n")
     assert status.main([], NAMES) == 1
@@ -46,7 +46,7 @@ def test_status_is_1_where_a_page_quotes_a_stale_result(project, store, capsys):
 
 
 def test_generated_pages_are_not_read(project):
-    """Pages below `_build` and `_generated` are made from others."""
+    """Pages below `_build` and `_generated` are generated."""
     for name in ("docs/_build/a.md", "docs/results/_generated/b.md", "docs/c.md"):
         (project / name).parent.mkdir(parents=True, exist_ok=True)
         (project / name).write_text("")

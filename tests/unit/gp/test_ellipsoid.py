@@ -1,4 +1,4 @@
-"""Ellipsoids around what norm and data allow: they hold it, and are as narrow as one functional's best bound."""
+"""Tests of ellipsoids around all functions that norm and data allow: containment and width."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 def drawn(
     seed: int, n: int = 12
 ) -> tuple[optimal_recovery.FeasibleSet, gp.GPPosterior, gp.GPPosterior, np.random.Generator]:
-    """What is allowed, the function that gave the labels, of the stated norm, and the posterior of the energy bound."""
+    """Return the feasible set, the function that produced the labels, the energy posterior and the generator."""
     rng = np.random.default_rng(seed)
     s, eps, norm = rng.uniform(0.2, 3), rng.uniform(0.01, 0.3), rng.uniform(0.5, 3)
     eps *= norm * s**0.5
@@ -41,7 +41,7 @@ def drawn(
 def functionals(
     allowed: optimal_recovery.FeasibleSet, rng: np.random.Generator, sets: int, rows: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Weighted sums of values at points: these, weights (sets, rows, points), k and square."""
+    """Return weighted sums of values at points: these, weights (sets, rows, points), k and square."""
     Z, a = rng.uniform(-2, 2, (6, 2)), rng.normal(size=(sets, rows, 6))
     V = Z / allowed.lengthscales
     C = np.exp(-0.5 * ((V[:, None] - V) ** 2).sum(-1))
@@ -50,8 +50,8 @@ def functionals(
 
 @given(seeds)
 @settings(max_examples=20)
-def test_every_function_that_norm_and_data_allow_is_inside(seed):
-    """Also for functionals that are not those it was made narrow for, and what optimal recovery reaches."""
+def test_all_admissible_functions_are_inside(seed):
+    """Also for functionals other than those of the optimization, and for the optimum of optimal recovery."""
     allowed, f, _, rng = drawn(seed)
     _, _, k, square = functionals(allowed, rng, 4, 2)
     of = ellipsoid.minimize_width(allowed, k, np.trace(square, axis1=1, axis2=2))
@@ -79,7 +79,7 @@ def test_every_function_that_norm_and_data_allow_is_inside(seed):
 
 
 def widths(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Half of what one functional may vary by: of five ellipsoids, the energy bound's and optimal recovery."""
+    """Return the half width of one functional: for five ellipsoids, the energy bound and optimal recovery."""
     allowed, _, energy, rng = drawn(seed)
     Z, a, k, square = functionals(allowed, rng, 5, 1)
     half = allowed.unit * np.sqrt(ellipsoid.minimize_width(allowed, k, square[:, 0, 0]).covariance(k, square)[:, 0, 0])
@@ -102,8 +102,10 @@ def widths(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return half, wide, np.sum(ends, axis=0) / 2
 
 
-def test_it_lies_between_the_energy_bound_s_and_optimal_recovery():
-    """Its best serves both ends, whose multipliers differ: a quarter above recovery, where energy has twice."""
+def test_width_is_between_energy_bound_and_recovery():
+    """Its width serves both ends, whose multipliers differ: 25 % above recovery, where the energy bound is 100 %
+    above.
+    """
     half, wide, best = (np.concatenate(each) for each in zip(*map(widths, range(20)), strict=True))
     assert (half <= wide * (1 + 1e-6)).all()
     assert (best <= half * (1 + 1e-6) + 1e-9).all()
@@ -113,8 +115,8 @@ def test_it_lies_between_the_energy_bound_s_and_optimal_recovery():
 
 @pytest.mark.parametrize("eps", [1e-6, 1e-4, 1e-3, 3.0])
 @pytest.mark.parametrize("n", [2, 12, 60])
-def test_rounding_puts_nothing_outside_and_contradicts_nothing(n, eps):
-    """Labels that are nearly exact, at points of which some are the same or nearly so, asked at these very points."""
+def test_ellipsoid_is_robust_to_rounding(n, eps):
+    """Nearly exact labels, at points that partly coincide, evaluated at these points."""
     for seed in range(10):
         rng = np.random.default_rng((seed, n))
         X = rng.uniform(-2, 2, (n, 2))
@@ -135,8 +137,8 @@ def test_rounding_puts_nothing_outside_and_contradicts_nothing(n, eps):
         assert (off <= np.sqrt(wide) + 1e-9).all()
 
 
-def test_weights_are_where_the_derivative_is_zero():
-    """By differences: no weight could be changed for a smaller width, to first order."""
+def test_weights_are_stationary():
+    """By differences: no change of a weight reduces the width to first order."""
     allowed, _, _, rng = drawn(3)
     _, _, k, square = functionals(allowed, rng, 1, 1)
     of = ellipsoid.minimize_width(allowed, k, square[:, 0, 0])
@@ -150,7 +152,7 @@ def test_weights_are_where_the_derivative_is_zero():
             assert float(other.covariance(k, square)[0, 0, 0]) >= least * (1 - 5e-3)
 
 
-def test_labels_beyond_many_keep_one_weight(monkeypatch: pytest.MonkeyPatch):
+def test_many_labels_share_one_weight(monkeypatch: pytest.MonkeyPatch):
     allowed, _, _, rng = drawn(4)
     _, _, k, square = functionals(allowed, rng, 3, 2)
     trace = np.trace(square, axis1=1, axis2=2)
@@ -163,7 +165,7 @@ def test_labels_beyond_many_keep_one_weight(monkeypatch: pytest.MonkeyPatch):
     assert (np.trace(narrow, axis1=1, axis2=2) <= np.trace(wide, axis1=1, axis2=2) * (1 + 1e-9)).all()
 
 
-def test_a_functional_of_nothing_has_no_width():
+def test_empty_functional_has_zero_width():
     allowed, *_ = drawn(5)
     k, square = np.zeros((1, len(allowed.r), 1)), np.zeros(1)
     of = ellipsoid.minimize_width(allowed, k, square)
@@ -171,7 +173,7 @@ def test_a_functional_of_nothing_has_no_width():
     assert of.center(k)[0, 0] == 0
 
 
-def test_data_that_contradict_norm_and_errors_are_refused():
+def test_contradictory_data_are_refused():
     X = np.array([[0.0], [0.01]])
     hyper = gp.make_hyperparameters(1.0, [1.0], 1e-4)
     allowed = optimal_recovery.feasible_set(X, np.array([[1.0], [-1.0]]), hyper, 0, 1.0, 0.01)

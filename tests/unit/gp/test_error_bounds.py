@@ -1,4 +1,4 @@
-"""Error bounds: each against its statement computed apart, attained where it is sharp, and never broken."""
+"""Tests of error bounds: against independent computations, attained where they are tight, and never violated."""
 
 import dataclasses
 import itertools
@@ -21,7 +21,7 @@ seeds = st.integers(0, 2**31)
 
 
 def member(seed, N=25, dimensions=2, eps_share=0.1, bias=0.0):
-    """Functions of the RKHS with the norms stated, noise at its limit `eps`, and the posterior: (f, B, eps, gp, x)."""
+    """Functions of the RKHS with the stated norms, noise at its limit `eps`, and the posterior: (f, B, eps, gp, x)."""
     rng = np.random.default_rng(seed)
     _, _, hyper, _ = problem(seed, N=2, dimensions=dimensions, outputs=2)
     ls = np.asarray(hyper.lengthscales)
@@ -54,7 +54,7 @@ def deviation(p, x):
 
 
 def log_det(p, i, scale=1.0):
-    """`ln det(scale (I + K_f / v))`, by NumPy from the entries."""
+    """Return `ln det(scale (I + K_f / v))` by NumPy from the entries."""
     n, v = int(p.num_points), arrays(p.hyper, i)[2]
     return np.linalg.slogdet(scale * gram(np.asarray(p.X)[:n], p.hyper, i) / v)[1]
 
@@ -64,8 +64,8 @@ def log_det(p, i, scale=1.0):
 
 @given(seeds)
 @settings(max_examples=15)
-def test_the_energy_bound_is_attained_by_a_function_that_keeps(seed):
-    """`g = m + beta k_n(., x) / sigma(x)` spends all of `B^2 + E^2 / v` and lies `beta sigma` off at x.
+def test_energy_bound_is_attained(seed):
+    """`g = m + beta k_n(., x) / sigma(x)` uses all of `B^2 + E^2 / v` and has the error `beta sigma` at x.
 
     So no smaller factor follows from what the bound uses, `||g||^2 + |r - g(X)|^2 / v <= B^2 + E^2 / v`.
     """
@@ -89,7 +89,7 @@ def test_the_energy_bound_is_attained_by_a_function_that_keeps(seed):
 
 @given(seeds, st.sampled_from([0.0, 0.5, 1.0]))
 @settings(max_examples=25)
-def test_bounds_for_bounded_noise_hold_whatever_its_bias(seed, bias):
+def test_bounds_for_bounded_noise_hold_for_any_bias(seed, bias):
     f, B, eps, p, x = member(seed, bias=bias)
     radius = np.asarray(error_bounds.bounded_energy(p, B, eps)) * deviation(p, x)
     assert (error(f, p, x) <= radius).all()
@@ -99,12 +99,14 @@ def test_bounds_for_bounded_noise_hold_whatever_its_bias(seed, bias):
             np.asarray(p.X)[:n], np.asarray(p.Y)[:n], p.hyper, i, B[i], eps[i], x
         )
         assert possible.lower <= f(x)[0, i] <= possible.upper
-        # What keeps every sample keeps their energy, so the optimal interval lies in the other, but for the solver.
+        # Bounded samples have bounded energy, so the optimal interval lies in the other, up to solver tolerance.
         assert possible.radius(mean[i]) <= radius[i] * (1 + 1e-4)
 
 
-def extreme(X, y, x, hyper, B, eps):
-    """Posterior mean, deviation and beta^2 at x by mpmath: a function that keeps B and eps reaches mean + beta dev."""
+def extreme_posterior(X, y, x, hyper, B, eps):
+    """Return posterior mean, standard deviation and beta^2 at x by mpmath; an admissible function attains mean +
+    beta std.
+    """
     s, ls, v, offset = (mpmath.mpmathify(a) if np.ndim(a) == 0 else a for a in arrays(hyper, 0))
 
     def k(a, b):
@@ -122,8 +124,8 @@ def extreme(X, y, x, hyper, B, eps):
 
 @pytest.mark.parametrize(("ratio", "slack"), [(1e-2, 1e-8), (1e-6, 1e-4), (1e-9, 1e-2), (1e-11, 1.0), (2e-13, np.inf)])
 @pytest.mark.parametrize("seed", range(3))
-def test_rounding_breaks_no_radius_however_little_the_noise(seed, ratio, slack):
-    """The radius is above what a function that keeps the assumptions reaches in 60 digits; and not far above."""
+def test_bound_is_robust_to_rounding_for_small_noise(seed, ratio, slack):
+    """The bound is above the value of an admissible function with 60 digits, and close to it."""
     rng, s = np.random.default_rng(seed), 10 ** np.random.default_rng(seed).uniform(-3, 3)
     n, D = 24, 1 + seed % 2
     X, Z, x = (rng.uniform(-1, 1, (m, D)) for m in (n, 5, 3))
@@ -136,15 +138,15 @@ def test_rounding_breaks_no_radius_however_little_the_noise(seed, ratio, slack):
     beta = error_bounds.bounded_energy(p, B, eps)
     with mpmath.workdps(60):
         for point in x:
-            mean, deviation, beta2 = extreme(X, y[:, 0], point, p.hyper, B, eps)
+            mean, deviation, beta2 = extreme_posterior(X, y[:, 0], point, p.hyper, B, eps)
             flown = mpmath.mpf(float(gp.mean(p, jnp.asarray(point))[0]))
             reached = float(abs(mean - flown) + mpmath.sqrt(beta2) * deviation)
             radius = float(error_bounds.error_radius(p, jnp.asarray(point), beta)[0])
             assert reached <= radius <= reached * (1 + slack)
 
 
-def test_energy_without_data_is_the_norm_and_contradicted():
-    """Energy without data is the norm and contradicted assumptions give no bound."""
+def test_energy_bound_without_data_is_the_norm():
+    """Without data the bound is the norm; contradictory assumptions give no bound."""
     hyper = gp.make_hyperparameters(4.0, [1.0], 0.01)
     np.testing.assert_allclose(error_bounds.bounded_energy(gp.prior(hyper, 3), 1.5, 0.1), 1.5, rtol=1e-13)
     # |f| <= B sqrt(s) = 0.2, but a label says 5.
@@ -171,8 +173,8 @@ def test_energy_under_jit_follows_appended_data():
 
 
 @pytest.mark.parametrize(("y", "gap"), [(0.9, 0.3), (-0.4, 0.8), (1.0, 0.05), (0.0, 1.5)])
-def test_recovery_from_one_datum_is_the_closed_form(y, gap):
-    """Greatest `c u + sqrt(1 - c^2) sqrt(B^2 s - u^2)` over values u at the datum, c the correlation."""
+def test_recovery_from_one_label_is_the_closed_form(y, gap):
+    """Maximum of `c u + sqrt(1 - c^2) sqrt(B^2 s - u^2)` over values u at the label, with correlation c."""
     B, s, eps = 1.3, 0.7, 0.2
     hyper = gp.make_hyperparameters(s, [1.0], 1e-3, constant_mean=0.25)
     c = np.exp(-0.5 * gap**2)
@@ -185,8 +187,8 @@ def test_recovery_from_one_datum_is_the_closed_form(y, gap):
 
 @given(seeds)
 @settings(max_examples=8)
-def test_recovery_is_reached_by_a_function_that_keeps(seed):
-    """The dual value that is returned beside the primal one, in coordinates of NumPy's own Cholesky factor."""
+def test_recovery_is_attained_by_an_admissible_function(seed):
+    """The dual value equals the primal value, in coordinates of NumPy's Cholesky factor."""
     import clarabel
     from scipy import sparse
 
@@ -207,21 +209,21 @@ def test_recovery_is_reached_by_a_function_that_keeps(seed):
     np.testing.assert_allclose(found, reached, atol=2e-4 * B[0] * s**0.5)
 
 
-def test_recovery_of_a_functional_beats_the_sum_over_its_points():
-    """Recovery of a functional beats the sum over its points and is linear in scale."""
+def test_recovery_of_functional_beats_sum_over_points():
+    """The bound of a functional is below the sum over its points and scales linearly."""
     _, B, eps, p, x = member(11)
     Z = np.vstack([x + 0.3 * d * np.asarray(p.hyper.lengthscales)[0] for d in (-1, 0, 1)])
-    given = (p.X, p.Y, p.hyper, 0, B[0], eps[0])
+    arguments = (p.X, p.Y, p.hyper, 0, B[0], eps[0])
     a = np.array([0.25, 0.5, 0.25])
-    whole = optimal_recovery.recovery_interval(*given, Z, a)
-    parts = [optimal_recovery.recovery_interval(*given, z[None]) for z in Z]
+    whole = optimal_recovery.recovery_interval(*arguments, Z, a)
+    parts = [optimal_recovery.recovery_interval(*arguments, z[None]) for z in Z]
     assert whole.upper <= sum(w * part.upper for w, part in zip(a, parts, strict=True)) + 1e-6
-    twice = optimal_recovery.recovery_interval(*given, Z, -2 * a)
+    twice = optimal_recovery.recovery_interval(*arguments, Z, -2 * a)
     np.testing.assert_allclose([twice.lower, twice.upper], [-2 * whole.upper, -2 * whole.lower], rtol=1e-4)
 
 
 def functional(seed):
-    """A functional of three points, what the data of output 0 allow, and the data's GP, norm and label error."""
+    """A functional of three points, the feasible set of output 0, and GP, norm and label error of the data."""
     _, B, eps, p, x = member(seed, N=12, eps_share=0.2)
     rng = np.random.default_rng(seed)
     ls = np.asarray(p.hyper.lengthscales)[0]
@@ -233,8 +235,8 @@ def functional(seed):
 
 @given(seeds)
 @settings(max_examples=10)
-def test_the_greatest_value_is_reached_by_the_function(seed):
-    """`weights` make a function that keeps norm and data within a thousandth and has the value there."""
+def test_maximum_is_attained_by_its_function(seed):
+    """`weights` give a function that keeps norm and data within a thousandth and has that value."""
     Z, a, allowed, k, square, p, B, eps = functional(seed)
     mass = float(np.abs(a).sum())
     best = optimal_recovery.maximize_functional(allowed, k, square, mass)
@@ -257,14 +259,14 @@ def test_the_greatest_value_is_reached_by_the_function(seed):
 
 @given(seeds)
 @settings(max_examples=10)
-def test_any_multipliers_bound_every_function_that_norm_and_data(seed):
-    """Those of a neighbour, random ones and none; the best ones are those of `greatest`."""
+def test_any_multipliers_give_an_upper_bound(seed):
+    """Multipliers of a neighbor, random ones and zero; the optimal ones are those of `maximize_functional`."""
     Z, a, allowed, k, square, p, B, _ = functional(seed)
     f, _, _, _, _ = member(seed, N=12, eps_share=0.2)
     rng, mass = np.random.default_rng(seed), float(np.abs(a).sum())
     best = optimal_recovery.maximize_functional(allowed, k, square, mass)
-    shaken = best.nu[:, None] * (1 + 0.1 * rng.normal(size=(12, 4)))
-    nu = np.column_stack([best.nu, shaken, np.zeros(12), rng.normal(size=(12, 3))])
+    perturbed = best.nu[:, None] * (1 + 0.1 * rng.normal(size=(12, 4)))
+    nu = np.column_stack([best.nu, perturbed, np.zeros(12), rng.normal(size=(12, 3))])
     found = optimal_recovery.dual_upper_bounds(
         allowed, nu, np.tile(k[:, None], (1, nu.shape[1])), *(np.full(nu.shape[1], x) for x in (square, mass))
     )
@@ -278,15 +280,15 @@ def test_any_multipliers_bound_every_function_that_norm_and_data(seed):
 
 @given(seeds, st.sampled_from([0.01, 0.2, 0.5]))
 @settings(max_examples=10)
-def test_all_at_once_bounds_are_nearly_the_least(seed, eps_share):
-    """Each is above what a function that norm and data allow reaches, and next to none far above."""
+def test_batched_bounds_are_nearly_minimal(seed, eps_share):
+    """Each is above the value of an admissible function, and almost all are close to it."""
     _, B, eps, p, _ = member(seed, N=30, eps_share=eps_share)
     rng = np.random.default_rng(seed)
     ls = np.asarray(p.hyper.lengthscales)[0]
     allowed = optimal_recovery.feasible_set(p.X, p.Y, p.hyper, 0, B[0], eps[0])
     Z = np.asarray(p.X)[rng.integers(0, 30, 8)] + ls * rng.normal(size=(8, 2)) * 0.5
     W = rng.normal(size=(8, 20)) * (rng.random((8, 20)) < 0.4)
-    W[:, 0] = 0.0  # of nothing
+    W[:, 0] = 0.0  # empty functional
     C = np.exp(-0.5 * (((Z[:, None] - Z[None]) / ls) ** 2).sum(-1))
     k, square = allowed.correlations(Z) @ W, np.sum(W * (C @ W), axis=0)
     mass = np.abs(W).sum(0)
@@ -300,8 +302,8 @@ def test_all_at_once_bounds_are_nearly_the_least(seed, eps_share):
     assert np.median(off) <= 0.003
 
 
-@pytest.mark.parametrize("second", [-1.0, 0.76])  # far beyond, and by 1.2 eps each way at one point
-def test_all_at_once_data_that_contradict_are_refused(second: float):
+@pytest.mark.parametrize("second", [-1.0, 0.76])  # clearly infeasible, and labels 2.4 eps apart at one point
+def test_batched_bounds_refuse_contradictory_data(second: float):
     hyper = gp.make_hyperparameters(1.0, [1.0], 1e-3)
     allowed = optimal_recovery.feasible_set([[0.0], [0.0]], [[1.0], [second]], hyper, 0, 2.0, 0.1)
     with pytest.raises(ValueError, match="contradict norm and noise_bound"):
@@ -310,8 +312,8 @@ def test_all_at_once_data_that_contradict_are_refused(second: float):
         )
 
 
-def test_a_functional_whose_points_nearly_cancel_is_bounded():
-    """`f(z + h) - f(z)`: its square is lost in rounding, and may be below zero."""
+def test_nearly_cancelling_functional_is_bounded():
+    """`f(z + h) - f(z)`: its square is lost in rounding and may be negative."""
     hyper = gp.make_hyperparameters(1.0, [1.0], 1e-3)
     allowed = optimal_recovery.feasible_set([[0.0], [0.5]], [[0.0], [0.3]], hyper, 0, 1.0, 0.05)
     h, g = 10.0 ** -np.arange(4, 10), np.array([0.7])
@@ -324,13 +326,13 @@ def test_a_functional_whose_points_nearly_cancel_is_bounded():
     assert np.isfinite(one.value)
 
 
-def test_a_functional_of_nothing_is_zero():
+def test_empty_functional_is_zero():
     _, _, allowed, k, _, _, _, _ = functional(1)
     best = optimal_recovery.maximize_functional(allowed, 0 * k, 0.0, 0.0)
     assert 0 <= best.value <= 1e-4 * allowed.unit
 
 
-def test_recovery_says_what_is_wrong_with_its_arguments():
+def test_recovery_reports_invalid_arguments():
     hyper = gp.make_hyperparameters(1.0, [1.0], 1e-3)
     data = ([[0.0]], [[0.5]], hyper, 0)
     with pytest.raises(ValueError, match="norm = -1"):
@@ -346,7 +348,7 @@ def test_recovery_says_what_is_wrong_with_its_arguments():
 
 @given(seeds, st.floats(0.05, 0.999))
 @settings(max_examples=10)
-def test_factors_are_those_of_their_theorems(seed, confidence):
+def test_factors_equal_their_theorems(seed, confidence):
     _, B, R, p, _ = member(seed)
     n, t, T = int(p.num_points), -np.log1p(-confidence), 40
     gain = np.array([0.7, 31.0])
@@ -370,8 +372,8 @@ def test_factors_are_those_of_their_theorems(seed, confidence):
         assert stated["abbasi_yadkori"] <= min(stated["fiedler"], stated["chowdhury_gopalan"])
 
 
-def test_the_paper_s_factor_is_its_equation_in_50_digits():
-    """Eq. beta_payload, with m = 6 outputs."""
+def test_factor_of_the_paper_equals_its_equation():
+    """Eq. beta_payload with m = 6 outputs, with 50 digits."""
     hyper = gp.make_hyperparameters(np.full(6, 1.3), [1.0, 2.0], 0.09)
     p = gp.condition(np.random.default_rng(0).normal(size=(30, 2)), np.zeros((30, 6)), hyper)
     gamma = error_bounds.max_information_gain(hyper, 31)
@@ -383,8 +385,10 @@ def test_the_paper_s_factor_is_its_equation_in_50_digits():
     np.testing.assert_allclose(beta, float(exact), rtol=1e-12)
 
 
-def test_chowdhury_and_gopalan_as_published_and_beyond():
-    """At their `v = 1 + 2/T` the factor is `B + R sqrt(2 (gain + 1 + ln 1/delta))`; past T points it claims nothing."""
+def test_chowdhury_and_gopalan_as_published():
+    """At their `v = 1 + 2/T` the factor is `B + R sqrt(2 (gain + 1 + ln 1/delta))`; for more than T points there is
+    no bound.
+    """
     T, rng = 12, np.random.default_rng(1)
     hyper = gp.make_hyperparameters(1.0, [1.0], 1 + 2 / T)
     p = gp.condition(rng.normal(size=(T, 1)), rng.normal(size=(T, 1)), hyper)
@@ -395,7 +399,7 @@ def test_chowdhury_and_gopalan_as_published_and_beyond():
 
 @given(seeds)
 @settings(max_examples=8)
-def test_the_bound_for_fixed_inputs_is_its_statement(seed):
+def test_bound_for_fixed_inputs_equals_its_formula(seed):
     _, B, R, p, x = member(seed)
     found = error_bounds.fiedler_fixed(p, jnp.asarray(x[0]), B, R, 0.9)
     n, t = int(p.num_points), np.log(10)
@@ -409,7 +413,7 @@ def test_the_bound_for_fixed_inputs_is_its_statement(seed):
 
 @given(seeds, st.floats(1e-3, 1e3))
 @settings(max_examples=8)
-def test_radii_follow_the_unit_of_the_output(seed, unit):
+def test_bounds_scale_with_the_unit_of_the_output(seed, unit):
     _, B, eps, p, x = member(seed)
     h = p.hyper
     other = gp.make_hyperparameters(
@@ -430,15 +434,15 @@ def test_radii_follow_the_unit_of_the_output(seed, unit):
 
 @given(seeds)
 @settings(max_examples=10)
-def test_no_data_gain_more_than_the_greatest_gain(seed):
+def test_information_gain_is_at_most_the_maximum(seed):
     X, Y, hyper, _ = problem(seed)
     assert (gp.information_gain(gp.condition(X, Y, hyper)) <= error_bounds.max_information_gain(hyper, len(X))).all()
 
 
 @given(seeds)
 @settings(max_examples=10)
-def test_greedy_bounds_every_choice_from_the_pool(seed):
-    """Greedy bounds every choice from the pool with repetition."""
+def test_greedy_gain_bounds_all_choices(seed):
+    """Greedy selection bounds every selection from the pool, with repetition."""
     rng = np.random.default_rng(seed)
     pool = rng.normal(size=(6, 2))
     hyper = gp.make_hyperparameters([1.0, 3.0], np.exp(rng.normal(size=(2, 2))), [0.5, 0.01])
@@ -454,7 +458,7 @@ def test_greedy_bounds_every_choice_from_the_pool(seed):
         assert bound[i] * (1 - 1 / np.e) <= max(gains) * (1 + 1e-12)
 
 
-def test_a_pool_that_is_none_is_refused():
+def test_invalid_pool_is_refused():
     hyper = gp.make_hyperparameters(1.0, [1.0, 1.0], 0.1)
     for pool in (np.zeros((0, 2)), np.zeros((3, 1)), np.full((2, 2), np.nan)):
         with pytest.raises(ValueError, match="must be finite, "):
@@ -473,20 +477,20 @@ def test_confidence_split_as_in_remark_1():
 
 
 @given(st.floats(0.01, 0.99), st.lists(st.floats(0.01, 1), min_size=1, max_size=9))
-def test_parts_fail_together_no_more_often_than_the_whole(confidence, raw):
+def test_union_bound_levels_sum_to_the_total(confidence, raw):
     parts = error_bounds.union_bound_levels(confidence, np.array(raw) / sum(raw))
     np.testing.assert_allclose((1 - parts).sum(), 1 - confidence, rtol=1e-9)
     assert ((parts >= confidence - 1e-12) & (parts < 1)).all()
 
 
-def test_the_paper_s_split_multiplies_and_gains_little_over():
-    """The paper is split multiplies and gains little over the union."""
+def test_product_levels_are_close_to_the_union_bound():
+    """The paper's split multiplies probabilities and is only slightly better than the union bound."""
     part = error_bounds.product_levels(0.95, 9)
     np.testing.assert_allclose(part**9, 0.95)
     assert 1 - 0.05 / 9 > part > 1 - 1.03 * 0.05 / 9
 
 
-def test_weights_of_updates_sum_to_one():
+def test_confidence_shares_of_updates_sum_to_one():
     total = sum(error_bounds.update_confidence_share(k) for k in range(1, 20_001))
     assert 0.9999 < total < 1
 
@@ -506,7 +510,7 @@ def test_confidences_and_weights_out_of_range_are_refused():
         error_bounds.update_confidence_share(0)
 
 
-def test_numbers_that_are_no_norm_or_noise_are_refused():
+def test_invalid_norm_or_noise_is_refused():
     p = member(0)[3]
     with pytest.raises(ValueError, match="norm = -1"):
         error_bounds.bounded_energy(p, -1.0, 0.1)
@@ -532,7 +536,7 @@ def test_rho_bar_bounds_the_norm_of_the_error(seed):
     assert np.linalg.norm(error(f, p, x)) <= radius
 
 
-def test_what_a_bound_needs_and_what_follows_from_what_is_met():
+def test_unsatisfied_assumptions_of_a_bound():
     assert unsatisfied("energy", {BoundAssumption.RKHS_NORM, BoundAssumption.WITHIN_MODEL}) == set()
     # Bounded noise of zero mean is sub-Gaussian; inputs that are fixed are predictable.
     met = {
@@ -544,11 +548,11 @@ def test_what_a_bound_needs_and_what_follows_from_what_is_met():
     }
     assert unsatisfied("abbasi_yadkori", met) == set()
     assert unsatisfied("chowdhury_gopalan", met) == {BoundAssumption.HORIZON}
-    # The paper's noise is Gaussian, which is not what its bound needs.
+    # The paper's noise is Gaussian, but its bound requires bounded noise.
     assert unsatisfied("srinivas", met - {BoundAssumption.BOUNDED_NOISE} | {BoundAssumption.SUB_GAUSSIAN}) == {
         BoundAssumption.WITHIN_MODEL
     }
-    # Hyperparameters learned from the data void the random bounds, not the certain ones.
+    # Fitted hyperparameters invalidate the probabilistic bounds, not the deterministic ones.
     assert unsatisfied("fiedler", met - {BoundAssumption.FIXED_HYPERPARAMETERS}) == {
         BoundAssumption.FIXED_HYPERPARAMETERS
     }
@@ -557,20 +561,22 @@ def test_what_a_bound_needs_and_what_follows_from_what_is_met():
         unsatisfied("hoeffding", met)
 
 
-def test_every_name_with_needs_is_a_function():
+def test_every_bound_name_is_a_function():
     functions = {"energy": error_bounds.bounded_energy, "recover": optimal_recovery.recovery_interval}
     assert all(name in functions or hasattr(error_bounds, name) for name in REQUIRED_ASSUMPTIONS)
 
 
-# -- a sample of the evidence ------------------------------------------------------------------------------------
+# -- a part of the evidence --------------------------------------------------------------------------------------
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", coverage.NOISES)
-def test_bounds_hold_on_drawn_functions_where_they_claim_to(kind, monkeypatch):
-    """Ten draws a case of what `python -m evidence coverage` does with a thousand."""
+def test_bounds_hold_on_random_functions(kind, monkeypatch):
+    """Ten draws per case; `python -m evidence coverage` uses a thousand."""
     monkeypatch.setattr(coverage, "CHUNK", 10)
-    found = coverage.summarize({f"{kind}, adaptive, B = 0.2, 0": coverage.fly(f"{kind}, adaptive, B = 0.2, 0")})
+    found = coverage.summarize(
+        {f"{kind}, adaptive, B = 0.2, 0": coverage.compute_item(f"{kind}, adaptive, B = 0.2, 0")}
+    )
     claimed = {name: row for name, row in found.items() if row["claims"]}
     assert len(claimed) == {"two-point": 10, "Gaussian": 6, "filtered and biased": 2}[kind]
     assert all(row["rate"] <= row["allowed"] for row in claimed.values())

@@ -1,4 +1,4 @@
-"""Hyperparameters and parametric means from data, against finite differences, scikit-learn and known truths."""
+"""Tests of fitted hyperparameters and parametric means against finite differences, scikit-learn and known values."""
 
 import dataclasses
 import warnings
@@ -23,7 +23,7 @@ seeds = st.integers(0, 2**31)
 
 
 def drawn(seed, N=60, dimensions=5, relevant=2, noise=0.01):
-    """Two outputs drawn from a GP in which only the first inputs matter; standardized."""
+    """Two standardized outputs drawn from a GP in which only the first inputs are relevant."""
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(N, dimensions))
     U = X[:, :relevant] / 1.2
@@ -53,7 +53,7 @@ def test_gradient_of_the_likelihood(seed, outputs, dimensions):
 
 @given(seeds)
 @settings(max_examples=20)
-def test_likelihood_is_the_density_of_a_normal(seed):
+def test_likelihood_equals_the_normal_density(seed):
     X, Y, hyper, _ = problem(seed, N=30)
     for i in range(3):
         s, ls, v, offset = arrays(hyper, i)
@@ -71,8 +71,8 @@ def test_likelihood_and_gradient_agree_with_scikit_learn(seed):
     X, y = rng.normal(size=(80, 6)), rng.normal(size=80)
     theta = rng.uniform(-1.5, 1.5, 8)
     kernel = ConstantKernel(np.exp(theta[0])) * RBF(np.exp(theta[1:-1])) + WhiteKernel(np.exp(theta[-1]))
-    oracle = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, y)
-    expected, expected_gradient = oracle.log_marginal_likelihood(theta, eval_gradient=True)
+    model = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, y)
+    expected, expected_gradient = model.log_marginal_likelihood(theta, eval_gradient=True)
     value, gradient = log_marginal_likelihood(theta, X, y[:, None])
     assert abs(value - expected) <= 1e-8 * 80
     np.testing.assert_allclose(gradient, expected_gradient, rtol=1e-9, atol=1e-9)
@@ -87,7 +87,7 @@ def test_outputs_that_share_a_kernel_add_their_likelihoods():
     np.testing.assert_allclose(gradient, sum(g for _, g in single), rtol=1e-10)
 
 
-def test_correlation_by_products_loses_no_more_than_it_says():
+def test_correlation_by_products_has_the_stated_error():
     rng = np.random.default_rng(0)
     U = rng.normal(size=(50, 4)) * 30
     exact = np.exp(-0.5 * ((U[:, None] - U[None]) ** 2).sum(-1))
@@ -105,8 +105,8 @@ def test_correlation_by_products_loses_no_more_than_it_says():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_optimum_is_scikit_learns_at_the_same_budget(seed):
-    """Same standardized data, box, start and number of starts: within 0.05 nats, or better."""
+def test_optimum_equals_scikit_learn_at_equal_budget(seed):
+    """With the same standardized data, bounds, start and number of starts: within 0.05 nats, or better."""
     X, Y = drawn(seed)
     box = gp.HyperparameterBounds()
     found = gp.fit(X, Y, box, restarts=0, constant_mean=np.zeros(2))
@@ -114,28 +114,28 @@ def test_optimum_is_scikit_learns_at_the_same_budget(seed):
         kernel = ConstantKernel(1.0, box.signal_variance) * RBF([5**0.5] * 5, box.lengthscale) + WhiteKernel(
             0.1, box.noise_variance
         )
-        oracle = GaussianProcessRegressor(kernel, alpha=0.0, n_restarts_optimizer=0)
-        expected = quietly(oracle.fit, X, Y[:, i]).log_marginal_likelihood_value_
+        model = GaussianProcessRegressor(kernel, alpha=0.0, n_restarts_optimizer=0)
+        expected = ignore_bound_warnings(model.fit, X, Y[:, i]).log_marginal_likelihood_value_
         assert found.log_likelihood[i] >= expected - 0.05
 
 
-def quietly(f, *arguments):
-    """scikit-learn warns of parameters at their bounds, which are what this box is for."""
+def ignore_bound_warnings(f, *arguments):
+    """Suppress scikit-learn's warnings about parameters at their bounds, which are intended here."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return f(*arguments)
 
 
 def test_reported_likelihood_is_that_of_the_posterior():
-    """Reported likelihood is that of the posterior in the units of the data."""
+    """The reported likelihood is that of the posterior in the units of the data."""
     X, Y, _, _ = problem(3, N=50)
     found = gp.fit(X, Y, restarts=0)
     posterior = gp.condition(X, Y, found.hyper)
     np.testing.assert_allclose(found.log_likelihood, gp.log_likelihood(posterior), rtol=1e-8)
 
 
-def test_irrelevant_inputs_reach_the_upper_bound_and_relevant():
-    """Irrelevant inputs reach the upper bound and relevant ones do not."""
+def test_irrelevant_inputs_reach_the_upper_bound():
+    """Irrelevant inputs reach the upper bound of the length-scale; relevant ones do not."""
     X, Y = drawn(0, N=120, dimensions=6, relevant=2)
     found = gp.fit(X, Y)
     assert found.converged.all()
@@ -157,8 +157,8 @@ def test_flags_at_the_lower_bound():
 
 @given(seeds)
 @settings(max_examples=5)
-def test_units_do_not_matter(seed):
-    """Affine changes of inputs and outputs change the fitted hyperparameters by the same units, and no more."""
+def test_fit_is_invariant_to_units(seed):
+    """Affine changes of inputs and outputs change the fitted hyperparameters by the same units only."""
     rng = np.random.default_rng(seed)
     X, Y = drawn(seed % 1000, N=40, dimensions=3)
     a, b = 2.0 ** rng.integers(-8, 8, 3), 2.0 ** rng.integers(-8, 8, 2)
@@ -170,7 +170,7 @@ def test_units_do_not_matter(seed):
     )
 
 
-def test_a_warm_start_at_the_optimum_stays_there_and_is_cheap():
+def test_warm_start_at_the_optimum_stays_there():
     X, Y = drawn(4, N=100)
     cold = gp.fit(X, Y, restarts=0)
     warm = gp.fit(X, Y, restarts=0, start=cold.hyper)
@@ -180,14 +180,14 @@ def test_a_warm_start_at_the_optimum_stays_there_and_is_cheap():
     assert (gp.fit(X, Y, restarts=0, start=outside).lengthscales <= 30 * (1 + 1e-12)).all()
 
 
-def test_restarts_never_make_it_worse_and_seeds_repeat():
+def test_restarts_never_reduce_the_likelihood():
     X, Y = drawn(5, N=40)
     few, many, again = gp.fit(X, Y, restarts=0), gp.fit(X, Y, restarts=4, seed=1), gp.fit(X, Y, restarts=4, seed=1)
     assert (many.log_likelihood >= few.log_likelihood).all()
     np.testing.assert_array_equal(many.hyper.lengthscales, again.hyper.lengthscales)
 
 
-def test_shared_set_is_one_set_in_standardized_units():
+def test_shared_hyperparameters_in_standardized_units():
     X, Y = drawn(6)
     found = gp.fit_shared(X * 3, Y * [1.0, 10.0])
     np.testing.assert_array_equal(found.hyper.lengthscales[0], found.hyper.lengthscales[1])
@@ -200,16 +200,16 @@ def test_shared_set_is_one_set_in_standardized_units():
     np.testing.assert_array_equal(one.hyper.lengthscales, gp.fit(X, Y[:, :1]).hyper.lengthscales)
 
 
-def test_noise_has_its_floor():
+def test_noise_has_a_lower_bound():
     X = np.linspace(0, 1, 30)[:, None]
     found = gp.fit(X, np.sin(3 * X))
     assert (found.hyper.noise_variance >= 1e-6 * np.sin(3 * X).var() * (1 - 1e-9)).all()
 
 
-# -- data that are hard to learn from ----------------------------------------------------------------------------
+# -- degenerate data ---------------------------------------------------------------------------------------------
 
 
-def test_constant_output_is_answered_with_the_constant():
+def test_constant_output_is_predicted():
     X, Y = drawn(7, N=30)
     Y = np.column_stack([Y[:, 0], np.full(30, 4.2)])
     found = gp.fit(X, Y)
@@ -245,23 +245,23 @@ def test_duplicates_and_two_points_are_fitted():
         (np.ones((2, 1)), np.ones((2, 1)), {"start": gp.make_hyperparameters(1.0, [1.0, 1.0], 0.1)}, "start has"),
     ],
 )
-def test_bad_data_are_refused_in_words(X, Y, options, message):
+def test_invalid_data_are_refused(X, Y, options, message):
     for fit in (gp.fit, gp.fit_shared):
         with pytest.raises(ValueError, match=message):
             fit(X, Y, **options)
 
 
 @pytest.mark.parametrize("bounds", [(0.0, 1.0), (2.0, 1.0), (1.0, np.inf), (np.nan, 1.0)])
-def test_bad_boxes_are_refused_in_words(bounds):
+def test_invalid_bounds_are_refused(bounds):
     with pytest.raises(ValueError, match="lengthscale = "):
         gp.HyperparameterBounds(lengthscale=bounds)
 
 
-# -- beliefs -----------------------------------------------------------------------------------------------------
+# -- hyperpriors -------------------------------------------------------------------------------------------------
 
 
-def flown(seed, N=40):
-    """Data as of a flight: two inputs that move, five that hardly do and follow the others, one that stands still."""
+def flight_like_data(seed, N=40):
+    """Data as of a flight: two inputs that vary, five nearly dependent on them, and one constant input."""
     rng = np.random.default_rng(seed)
     phase = np.linspace(0, rng.uniform(2, 9), N)[:, None] + rng.uniform(0, 6, 2)
     moving = rng.uniform(0.2, 1, 2) * np.sin(phase)
@@ -276,13 +276,13 @@ BELIEF = gp.HyperPrior(gp.make_hyperparameters([1.0, 0.04, 1e-4], np.ones(8), [1
 
 @given(seeds)
 @settings(max_examples=12)
-def test_rounding_of_the_data_does_not_reach_the_predictions(seed):
-    """1e-12 in the data moves the mean by at most 1e-4 of the labels' deviation, half a deviation off the data too.
+def test_predictions_are_insensitive_to_rounding(seed):
+    """1e-12 in the data changes the mean by at most 1e-4 of the labels' standard deviation, also away from the data.
 
     A search ends within GTOL = 1e-5 over the optimum's curvature, about 1, of the optimum's logarithms; the slope of
     a mean in them is at most a few label deviations.
     """
-    X, Y = flown(seed)
+    X, Y = flight_like_data(seed)
     rng = np.random.default_rng(seed + 1)
     queries = jnp.asarray(np.concatenate([X, X + 0.5 * X.std(0) * rng.normal(size=X.shape)]))
 
@@ -302,18 +302,18 @@ predict = jax.jit(jax.vmap(gp.mean, in_axes=(None, 0)))
 
 @given(seeds)
 @settings(max_examples=10)
-def test_a_fit_under_a_belief_is_the_mode_of_scikit_learns(seed):
-    """The slope of likelihood and log-normal density vanishes there, but at bounds, where it points outwards."""
-    X, Y = flown(seed)
+def test_fit_with_hyperprior_is_the_posterior_mode(seed):
+    """The gradient of likelihood and log-normal density vanishes, except at bounds, where it points outward."""
+    X, Y = flight_like_data(seed)
     found = gp.fit(X, Y, hyperprior=BELIEF)
     h = found.hyper
     for i in range(3):
         (s, ls, v, offset), (s0, ls0, v0, _) = arrays(h, i), arrays(BELIEF.median, i)
         theta, median = (np.log([a, *b, c]) for a, b, c in ((s, ls, v), (s0, ls0, v0)))
         kernel = ConstantKernel(s) * RBF(ls) + WhiteKernel(v)
-        oracle = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, Y[:, i] - offset)
+        model = GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None).fit(X, Y[:, i] - offset)
         # both in the units of the data: a change of units shifts logarithms, and no slope
-        value, slope = oracle.log_marginal_likelihood(theta, eval_gradient=True)
+        value, slope = model.log_marginal_likelihood(theta, eval_gradient=True)
         density = norm(median, np.log(3) * np.array([2, *[1] * 8, 2]))
         step = 1e-5
         slope += (density.logpdf(theta + step) - density.logpdf(theta - step)) / (2 * step)
@@ -327,9 +327,9 @@ def test_a_fit_under_a_belief_is_the_mode_of_scikit_learns(seed):
 
 @given(seeds)
 @settings(max_examples=5)
-def test_length_scales_keep_their_bounds_in_the_unit(seed):
-    """Length scales keep their bounds in the unit of the input however little it moves."""
-    X, Y = flown(seed)
+def test_length_scale_bounds_are_in_input_units(seed):
+    """Length-scales keep their bounds in the unit of the input, however small its range."""
+    X, Y = flight_like_data(seed)
     ls = np.asarray(
         gp.fit(
             X, Y, hyperprior=dataclasses.replace(BELIEF, min_lengthscale=0.6, max_lengthscale=1.5)
@@ -339,7 +339,7 @@ def test_length_scales_keep_their_bounds_in_the_unit(seed):
     assert (ls <= 1.5 * (1 + 1e-12)).all()
 
 
-def test_a_length_scale_at_a_belief_s_bound_is_marked():
+def test_length_scale_at_a_hyperprior_bound_is_marked():
     X = np.linspace(0, 8, 60)[:, None]
     box = gp.HyperparameterBounds(noise_variance=(1e-6, 1e-3))
     belief = gp.HyperPrior(gp.make_hyperparameters([1.0, 1.0], [1.0], 1e-4), min_lengthscale=0.6, max_lengthscale=1.5)
@@ -349,13 +349,13 @@ def test_a_length_scale_at_a_belief_s_bound_is_marked():
     assert found.at_upper.ravel().tolist() == [False, True]
 
 
-def test_of_an_input_that_stands_still_the_belief_stays():
-    X, Y = flown(3)
+def test_hyperprior_remains_for_a_constant_input():
+    X, Y = flight_like_data(3)
     belief = dataclasses.replace(BELIEF, median=dataclasses.replace(BELIEF.median, lengthscales=jnp.full((3, 8), 0.7)))
     np.testing.assert_allclose(gp.fit(X, Y, hyperprior=belief).hyper.lengthscales[:, 7], 0.7, rtol=1e-4)
 
 
-def test_a_firm_belief_is_kept_and_data_outweigh_a_loose_one():
+def test_narrow_hyperprior_is_kept_and_wide_one_is_not():
     X, Y = drawn(0, N=120, dimensions=6, relevant=2)
     median = gp.make_hyperparameters([1.0, 1.0], np.full(6, 3.0), 0.1)
     firm = gp.fit(X, Y, hyperprior=gp.HyperPrior(median, scale_factor=1.001)).hyper
@@ -366,7 +366,7 @@ def test_a_firm_belief_is_kept_and_data_outweigh_a_loose_one():
     np.testing.assert_allclose(loose.hyper.lengthscales[:, :2], 1.2, rtol=0.5)
 
 
-def test_a_belief_is_shared_once_in_standardized_units():
+def test_shared_hyperprior_counts_once():
     X, Y = drawn(6)
     belief = gp.HyperPrior(gp.make_hyperparameters([1.0, 4.0], np.full(5, 2.0), [0.1, 0.4]))
     alike = gp.HyperPrior(gp.make_hyperparameters(1.0, np.full((2, 5), 2.0), 0.1))
@@ -390,12 +390,12 @@ def test_a_belief_is_shared_once_in_standardized_units():
         ({"max_lengthscale": np.inf}, "max_lengthscale = inf"),
     ],
 )
-def test_bad_beliefs_are_refused_in_words(change, message):
+def test_invalid_hyperpriors_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(BELIEF, **change)
 
 
-def test_a_belief_about_other_data_is_refused_in_words():
+def test_hyperprior_of_other_dimension_is_refused():
     X, Y = drawn(0)
     with pytest.raises(ValueError, match=r"hyperprior has lengthscales \(3, 8\): must be .* = \(2, 5\)"):
         gp.fit(X, Y, hyperprior=BELIEF)
@@ -411,7 +411,7 @@ GROUPS = ((0, 1),)
 
 
 def body(seed, N=80, noise=1e-4):
-    """Two outputs that share three parameters of unlike unit, plus a smooth rest that the GP takes."""
+    """Two outputs that share three parameters of different units, plus a smooth residual for the GP."""
     rng = np.random.default_rng(seed)
     X = rng.uniform(-2, 2, size=(N, 2))
     Phi = rng.normal(size=(N, 2, 3)) * [1.0, 100.0, 0.01]
@@ -420,13 +420,13 @@ def body(seed, N=80, noise=1e-4):
     return X, Phi @ theta + rest + noise**0.5 * rng.normal(size=(N, 2)), Phi, theta, rest
 
 
-def believed(outputs=2, dimensions=2, factor=10.0, lengthscale=1.0):
+def body_hyperprior(outputs=2, dimensions=2, factor=10.0, lengthscale=1.0):
     ls = np.broadcast_to(np.asarray(lengthscale, float), (outputs, dimensions))
     return gp.HyperPrior(gp.make_hyperparameters(np.full(outputs, 0.1), ls, 1e-3), scale_factor=factor)
 
 
-def whole(X, hyper, Phi, prior, outputs):
-    """The covariance of stacked outputs that share parameters, by dense linear algebra."""
+def dense_covariance(X, hyper, Phi, prior, outputs):
+    """Return the covariance of stacked outputs that share parameters, by dense linear algebra."""
     blocks = []
     for i in outputs:
         s, ls, v, _ = arrays(hyper, i)
@@ -436,9 +436,9 @@ def whole(X, hyper, Phi, prior, outputs):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_parameters_and_rest_are_told_apart(seed):
+def test_parameters_and_residual_are_separated(seed):
     X, Y, Phi, theta, rest = body(seed)
-    found = gp.fit_semiparametric(X, Y, Phi, PRIOR, GROUPS, believed())
+    found = gp.fit_semiparametric(X, Y, Phi, PRIOR, GROUPS, body_hyperprior())
     deviation = np.sqrt(np.diagonal(found.covariance))
     assert found.converged
     assert (np.abs(found.theta - theta) <= 4 * deviation).all()
@@ -450,17 +450,17 @@ def test_parameters_and_rest_are_told_apart(seed):
 
 @given(seeds)
 @settings(max_examples=15)
-def test_the_marginal_likelihood_is_that_of_a_dense_normal(seed):
-    """The marginal likelihood is that of a dense normal and its slope that of differences."""
+def test_marginal_likelihood_equals_a_dense_normal(seed):
+    """The marginal likelihood equals a dense normal density, and its gradient equals differences."""
     rng = np.random.default_rng(seed)
     X, _, Phi, _, _ = body(seed, N=12)
     Phi, Y = np.concatenate([Phi, Phi[:, ::-1]], axis=1), rng.normal(size=(12, 4))
-    belief = believed(outputs=4, lengthscale=rng.uniform(0.5, 2, 2))
+    belief = body_hyperprior(outputs=4, lengthscale=rng.uniform(0.5, 2, 2))
     parts = [semiparametric._output_group(X, outputs, belief) for outputs in ([0, 1], [2, 3])]
     t, kernel = rng.normal(size=6) - [1, 0, 2, 1, 0, 2], belief.median.kernel
     value, slope, theta, covariance = semiparametric.log_marginal_likelihood(t, parts, Y, Phi, PRIOR, kernel)
     hyper = semiparametric._hyperparameters(t, parts, 2, kernel)
-    C = whole(X, hyper, Phi, PRIOR, range(4))
+    C = dense_covariance(X, hyper, Phi, PRIOR, range(4))
     y, B = Y.T.reshape(-1), Phi.transpose(1, 0, 2).reshape(-1, 3)
     assert value == pytest.approx(multivariate_normal(cov=C).logpdf(y), rel=1e-9)
     gain = np.linalg.solve(C, B * PRIOR**2).T  # of the posterior of jointly normal parameters and data
@@ -471,12 +471,12 @@ def test_the_marginal_likelihood_is_that_of_a_dense_normal(seed):
     np.testing.assert_allclose(slope, by_differences, rtol=1e-5, atol=1e-5)
 
 
-def test_estimates_are_unbiased_and_as_uncertain_as_they_say():
-    """Over draws from the model itself, the whitened error has unit covariance."""
+def test_estimates_are_unbiased_and_calibrated():
+    """Over draws from the model, the whitened error has unit covariance."""
     rng = np.random.default_rng(0)
     X, _, Phi, _, _ = body(0, N=30)
-    belief = believed(factor=1.0001)  # hyperparameters as the draws have them
-    K = whole(X, belief.median, Phi, 0 * PRIOR, range(2))
+    belief = body_hyperprior(factor=1.0001)  # the true hyperparameters
+    K = dense_covariance(X, belief.median, Phi, 0 * PRIOR, range(2))
     L, whitened = np.linalg.cholesky(K), []
     for _ in range(400):
         theta = PRIOR * rng.normal(size=3)
@@ -488,12 +488,12 @@ def test_estimates_are_unbiased_and_as_uncertain_as_they_say():
     assert np.abs(np.cov(whitened.T) - np.eye(3)).max() < 4 * (2 / 400) ** 0.5
 
 
-def test_what_the_data_do_not_excite_keeps_its_prior():
-    """A constant attitude tells one sum of two parameters, and nothing of a third."""
+def test_unexcited_parameters_keep_their_prior():
+    """A constant attitude determines the sum of two parameters only, and not the third."""
     X, Y, Phi, theta, _ = body(0, N=25)
-    blind = np.concatenate([Phi[..., :1], 2 * Phi[..., :1], 0 * Phi[..., :1]], axis=-1)
-    Y = Y - Phi @ theta + blind @ [0.5, 0.25, 7.0]
-    found = gp.fit_semiparametric(X, Y, blind, [1.0, 1.0, 3.0], GROUPS, believed())
+    deficient = np.concatenate([Phi[..., :1], 2 * Phi[..., :1], 0 * Phi[..., :1]], axis=-1)
+    Y = Y - Phi @ theta + deficient @ [0.5, 0.25, 7.0]
+    found = gp.fit_semiparametric(X, Y, deficient, [1.0, 1.0, 3.0], GROUPS, body_hyperprior())
     assert found.theta[2] == 0
     assert found.covariance[2, 2] == pytest.approx(9.0)
     assert abs(found.theta @ [1, 2, 0] - 1.0) < 0.1
@@ -501,11 +501,13 @@ def test_what_the_data_do_not_excite_keeps_its_prior():
     assert null @ found.covariance @ null == pytest.approx(1.0, rel=1e-6)
 
 
-def test_an_input_at_unseen_is_not_looked_at():
+def test_inactive_input_has_no_effect():
     X, Y, Phi, _, _ = body(1)
     more = np.column_stack([X, np.random.default_rng(2).normal(size=len(X))])
-    blind = believed(dimensions=3, lengthscale=[1.0, 1.0, gp.INACTIVE_LENGTHSCALE])
-    one, other = (gp.fit_semiparametric(Z, Y, Phi, PRIOR, GROUPS, b) for Z, b in ((X, believed()), (more, blind)))
+    deficient = body_hyperprior(dimensions=3, lengthscale=[1.0, 1.0, gp.INACTIVE_LENGTHSCALE])
+    one, other = (
+        gp.fit_semiparametric(Z, Y, Phi, PRIOR, GROUPS, b) for Z, b in ((X, body_hyperprior()), (more, deficient))
+    )
     np.testing.assert_allclose(other.theta, one.theta, rtol=1e-9)
     np.testing.assert_array_equal(other.hyper.lengthscales[:, 2], gp.INACTIVE_LENGTHSCALE)
     posterior = gp.condition(more, Y - Phi @ other.theta, other.hyper)
@@ -513,9 +515,9 @@ def test_an_input_at_unseen_is_not_looked_at():
     np.testing.assert_array_equal(gp.mean(posterior, x), gp.mean(posterior, x.at[2].set(-1e3)))
 
 
-def test_a_mean_that_is_none_is_refused():
+def test_invalid_mean_is_refused():
     X, Y, Phi, _, _ = body(0, N=10)
     with pytest.raises(ValueError, match=r"Phi \(10, 1, 3\): must be finite and"):
-        gp.fit_semiparametric(X, Y, Phi[:, :1], PRIOR, GROUPS, believed())
+        gp.fit_semiparametric(X, Y, Phi[:, :1], PRIOR, GROUPS, body_hyperprior())
     with pytest.raises(ValueError, match=r"prior \[1.0, 0.0, 1.0\]: must be positive"):
-        gp.fit_semiparametric(X, Y, Phi, [1.0, 0.0, 1.0], GROUPS, believed())
+        gp.fit_semiparametric(X, Y, Phi, [1.0, 0.0, 1.0], GROUPS, body_hyperprior())

@@ -1,4 +1,4 @@
-"""Kernels of one's own: against scikit-learn, finite differences and what they promise."""
+"""Tests of user-defined kernels against scikit-learn, finite differences and their documented properties."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from tests.support.gp_problems import problem
 
 
 @pytree
-class Rough(gp.Kernel):
-    """Matern's with 5/2: `(1 + d + d^2 / 3) exp(-d)`, `d = sqrt(5 r2)`; a root has no slope at zero."""
+class Matern52(gp.Kernel):
+    """Matern kernel with 5/2: `(1 + d + d^2 / 3) exp(-d)`, `d = sqrt(5 r2)`; a root has no slope at zero."""
 
     def __call__(self, r2):
         d = jnp.sqrt(5 * r2)
@@ -27,8 +27,8 @@ class Rough(gp.Kernel):
 
 
 @pytree
-class Heavy(gp.Kernel):
-    """The rational quadratic, `(1 + r2 / (2 a))^-a`."""
+class HeavyTailed(gp.Kernel):
+    """The rational quadratic kernel, `(1 + r2 / (2 a))^-a`."""
 
     a: jnp.ndarray
 
@@ -37,8 +37,8 @@ class Heavy(gp.Kernel):
 
 
 @pytree
-class Times(gp.Kernel):
-    """No correlation but for 1: so much at zero."""
+class ScaledKernel(gp.Kernel):
+    """Kernel with the value `by` at zero; a correlation requires 1."""
 
     by: float
 
@@ -47,19 +47,19 @@ class Times(gp.Kernel):
 
 
 OWN = {
-    "Matern": (Rough(), Matern(nu=2.5)),
-    "rational quadratic": (Heavy(a=jnp.array(0.7)), RationalQuadratic(alpha=0.7)),
+    "Matern": (Matern52(), Matern(nu=2.5)),
+    "rational quadratic": (HeavyTailed(a=jnp.array(0.7)), RationalQuadratic(alpha=0.7)),
 }
 
 
-def peer(hyper: gp.Hyperparameters, i: int, theirs: object) -> GaussianProcessRegressor:
-    """scikit-learn's GP on inputs in length-scales."""
+def scikit_learn_gp(hyper: gp.Hyperparameters, i: int, theirs: object) -> GaussianProcessRegressor:
+    """Return scikit-learn's GP on inputs in units of the length-scales."""
     kernel = ConstantKernel(float(hyper.signal_variance[i])) * theirs + WhiteKernel(float(hyper.noise_variance[i]))
     return GaussianProcessRegressor(kernel, alpha=0.0, optimizer=None)
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_mean_and_deviation_are_scikit_learns(name):
+def test_mean_and_std_equal_scikit_learn(name):
     ours, theirs = OWN[name]
     X, Y, hyper, queries = problem(3)
     hyper = dataclasses.replace(hyper, kernel=ours)
@@ -67,7 +67,7 @@ def test_mean_and_deviation_are_scikit_learns(name):
     mu, variance = gp.predict(model, queries)
     for i in range(Y.shape[1]):
         ls = np.asarray(hyper.lengthscales[i])
-        fitted = peer(hyper, i, theirs).fit(X / ls, Y[:, i] - float(hyper.constant_mean[i]))
+        fitted = scikit_learn_gp(hyper, i, theirs).fit(X / ls, Y[:, i] - float(hyper.constant_mean[i]))
         mean, deviation = fitted.predict(np.asarray(queries) / ls, return_std=True)
         scale = float(hyper.signal_variance[i]) ** 0.5
         np.testing.assert_allclose(mu[:, i] - hyper.constant_mean[i], mean, atol=1e-8 * scale)
@@ -77,7 +77,7 @@ def test_mean_and_deviation_are_scikit_learns(name):
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_points_one_by_one_give_what_all_at_once_give(name):
+def test_appended_points_equal_a_batch(name):
     X, Y, hyper, queries = problem(4)
     hyper = dataclasses.replace(hyper, kernel=OWN[name][0])
     grown, whole = gp.condition(X[:20], Y[:20], hyper, capacity=40), gp.condition(X, Y, hyper)
@@ -100,27 +100,27 @@ def test_gradient_of_the_likelihood(name):
         assert abs(gradient[k] - numeric) <= 1e-7 * max(1, abs(value))
 
 
-def test_a_fit_is_of_the_belief_s_kernel_and_no_worse():
-    """A fit is of the belief is kernel and no worse than scikit learns."""
+def test_fit_uses_the_kernel_of_the_hyperprior():
+    """The fit uses the hyperprior's kernel and is at least as good as scikit-learn's."""
     X, Y, hyper, _ = problem(5, N=60, dimensions=2, outputs=1)
-    median = dataclasses.replace(hyper, kernel=Rough())
+    median = dataclasses.replace(hyper, kernel=Matern52())
     fit = gp.fit(
         X, Y, hyperprior=gp.HyperPrior(median, scale_factor=1e3, min_lengthscale=1e-4, max_lengthscale=1e4), restarts=3
     )
-    assert type(fit.hyper.kernel) is Rough
+    assert type(fit.hyper.kernel) is Matern52
     Z, t = (X - X.mean(0)) / X.std(0), (Y[:, 0] - Y[:, 0].mean()) / Y[:, 0].std()
     kernel = ConstantKernel(1.0) * Matern([1.0, 1.0], nu=2.5) + WhiteKernel(0.01)
     found = GaussianProcessRegressor(kernel, alpha=0.0, n_restarts_optimizer=3, random_state=0).fit(Z, t)
     assert fit.log_likelihood[0] >= found.log_marginal_likelihood_value_ - len(Y) * np.log(Y[:, 0].std()) - 0.05
 
 
-def test_kernels_of_belief_and_start_must_agree():
+def test_kernels_of_hyperprior_and_start_must_agree():
     X, Y, hyper, _ = problem(5, outputs=1)
     with pytest.raises(
-        ValueError, match=r"kernels of hyperprior \(Rough\) and start \(SquaredExponential\): must be equal"
+        ValueError, match=r"kernels of hyperprior \(Matern52\) and start \(SquaredExponential\): must be equal"
     ):
-        gp.fit(X, Y, hyperprior=gp.HyperPrior(dataclasses.replace(hyper, kernel=Rough())), start=hyper)
-    one, other = (dataclasses.replace(hyper, kernel=Heavy(a=jnp.array(a))) for a in (1.0, 30.0))
+        gp.fit(X, Y, hyperprior=gp.HyperPrior(dataclasses.replace(hyper, kernel=Matern52())), start=hyper)
+    one, other = (dataclasses.replace(hyper, kernel=HeavyTailed(a=jnp.array(a))) for a in (1.0, 30.0))
     with pytest.raises(
         ValueError, match=re.escape("kernels of hyperprior (Heavy [1.0]) and start (Heavy [30.0]): must be equal")
     ):
@@ -128,9 +128,9 @@ def test_kernels_of_belief_and_start_must_agree():
 
 
 def test_optimal_recovery_holds_for_a_function_of_the_kernel():
-    """A function that Matern's kernel makes: inside its own interval at every point, and its norm is exact."""
+    """A function of the Matern kernel is in its interval at every point, and its norm is exact."""
     rng = np.random.default_rng(1)
-    hyper = gp.make_hyperparameters(1.0, [0.5, 0.5], 0.01, kernel=Rough())
+    hyper = gp.make_hyperparameters(1.0, [0.5, 0.5], 0.01, kernel=Matern52())
     Z, X, x = rng.uniform(-1, 1, (6, 2)), rng.uniform(-1, 1, (30, 2)), rng.uniform(-1, 1, (5, 2))
     truth = gp.from_expansion(hyper, Z, rng.normal(size=(1, 6)))
     at = lambda points: np.asarray(gp.predict(truth, jnp.asarray(points))[0])  # noqa: E731
@@ -141,21 +141,21 @@ def test_optimal_recovery_holds_for_a_function_of_the_kernel():
 
 
 @pytest.mark.parametrize("by", [2.0, np.nan])
-def test_what_is_no_correlation_is_refused(by):
-    with pytest.raises(ValueError, match=f"the kernel Times has the value {by:g} at distance zero: must be 1"):
-        gp.make_hyperparameters(1.0, [1.0], 0.1, kernel=Times(by=by))
+def test_invalid_correlation_is_refused(by):
+    with pytest.raises(ValueError, match=f"the kernel ScaledKernel has the value {by:g} at distance zero: must be 1"):
+        gp.make_hyperparameters(1.0, [1.0], 0.1, kernel=ScaledKernel(by=by))
 
 
-def test_a_file_holds_no_kernel_of_one_s_own(tmp_path):
+def test_user_defined_kernels_are_not_saved(tmp_path):
     X, Y, hyper, _ = problem(0)
-    model = gp.condition(X, Y, dataclasses.replace(hyper, kernel=Rough()))
-    with pytest.raises(ValueError, match="the kernel is Rough: only SquaredExponential can be stored"):
+    model = gp.condition(X, Y, dataclasses.replace(hyper, kernel=Matern52()))
+    with pytest.raises(ValueError, match="the kernel is Matern52: only SquaredExponential can be stored"):
         gp.save_gp(model, tmp_path / "model.npz")
     assert not list(tmp_path.iterdir())
 
 
-def test_the_covariance_of_labels_is_scikit_learn():
-    """The covariance of labels is scikit learn is of every output."""
+def test_gram_matrices_equal_scikit_learn():
+    """For every output."""
     rng = np.random.default_rng(3)
     X = rng.normal(size=(12, 2))
     hyper = gp.make_hyperparameters([2.0, 0.5], [[0.4, 1.5], [2.0, 0.7]], [0.1, 0.3])

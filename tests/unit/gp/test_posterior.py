@@ -1,4 +1,4 @@
-"""The posterior: axioms, independent implementations, and what rounding may do to it."""
+"""Tests of the posterior: axioms, independent implementations, and effects of rounding."""
 
 import dataclasses
 import logging
@@ -34,7 +34,7 @@ def variances(posterior, queries):
 
 
 def tolerance(condition, below):
-    """The qualifier of issue 4: `below` up to a condition number of 1e6, 100 eps cond beyond."""
+    """Return `below` up to a condition number of 1e6, and 100 eps cond above."""
     return below if condition <= 1e6 else 100 * EPS * condition
 
 
@@ -53,7 +53,7 @@ def assert_same_posterior(a, b, queries, cond, tol):
 
 
 def combination(seed, centers=6, outputs=3):
-    """Kernels at random centres with random weights: the function as a GP, and its parts."""
+    """Kernels at random centers with random weights: the function as a GP, and its parts."""
     rng = np.random.default_rng(seed)
     _, _, hyper, queries = problem(seed, outputs=outputs)
     Z = np.asarray(queries).mean(0) + rng.normal(size=(centers, 4)) * np.asarray(hyper.lengthscales).mean(0)
@@ -63,7 +63,7 @@ def combination(seed, centers=6, outputs=3):
 
 @given(seeds, st.sampled_from([None, 11]))
 @settings(max_examples=10)
-def test_an_expansion_is_the_sum_of_its_kernels(seed, capacity):
+def test_expansion_is_the_sum_of_its_kernels(seed, capacity):
     hyper, Z, w, queries = combination(seed)
     f = gp.from_expansion(hyper, Z, w, capacity)
     assert f.capacity == (capacity or 6)
@@ -76,8 +76,8 @@ def test_an_expansion_is_the_sum_of_its_kernels(seed, capacity):
 
 @given(seeds)
 @settings(max_examples=10)
-def test_the_norm_is_the_root_of_the_weights_energy(seed):
-    """In 50 digits; and every value is at most norm times signal deviation (reproducing property)."""
+def test_rkhs_norm_of_an_expansion(seed):
+    """With 50 digits; every value is at most norm times prior standard deviation (reproducing property)."""
     hyper, Z, w, queries = combination(seed)
     f = gp.from_expansion(hyper, Z, w, 9)
     found = np.asarray(gp.rkhs_norm(f))
@@ -98,8 +98,8 @@ def test_the_norm_is_the_root_of_the_weights_energy(seed):
     np.testing.assert_allclose(gp.rkhs_norm(one), np.abs(w[:, 0]) * np.sqrt(hyper.signal_variance), rtol=1e-12)
 
 
-def test_the_posterior_mean_on_the_data_of_an_expansion():
-    """What it says of its data: conditioning on them gives its weights back."""
+def test_conditioning_on_an_expansion_returns_its_weights():
+    """Conditioning on values of an expansion at its centers returns its weights."""
     hyper, Z, w, queries = combination(4)
     f = gp.from_expansion(hyper, Z, w)
     again = gp.condition(f.X, f.Y, hyper)
@@ -109,14 +109,14 @@ def test_the_posterior_mean_on_the_data_of_an_expansion():
     np.testing.assert_allclose(np.asarray(f.Y) - means(f, f.X), (noise[:, None] * w).T, rtol=1e-6, atol=1e-12)
 
 
-def test_without_weights_or_data_the_norm_is_zero():
+def test_norm_without_weights_or_data_is_zero():
     hyper, Z, w, _ = combination(5)
     assert (gp.rkhs_norm(gp.prior(hyper, 4)) == 0).all()
     assert (gp.rkhs_norm(gp.from_expansion(hyper, Z, 0 * w)) == 0).all()
 
 
 @pytest.mark.parametrize("change", ["short", "nan", "flat"])
-def test_weights_that_are_none_are_refused_in_words(change):
+def test_invalid_weights_are_refused(change):
     hyper, Z, w, _ = combination(6)
     bad = {"short": w[:, :-1], "nan": np.where(w == w[0, 0], np.nan, w), "flat": w[0]}[change]
     with pytest.raises(ValueError, match=r"weights \(.*\): must be finite, \(3, 6\)"):
@@ -150,7 +150,7 @@ def test_prior_and_conditioned_share_structure_shapes_and_types():
 
 @given(seeds)
 @settings(max_examples=10)
-def test_spare_capacity_changes_nothing(seed):
+def test_spare_capacity_has_no_effect(seed):
     X, Y, hyper, queries = problem(seed)
     tight, loose = gp.condition(X, Y, hyper), gp.condition(X, Y, hyper, 64)
     assert_same_posterior(tight, loose, queries, [1.0] * 3, 1e-11)  # the same numbers, summed in another order
@@ -159,7 +159,7 @@ def test_spare_capacity_changes_nothing(seed):
 
 @given(seeds, st.permutations(range(25)))
 @settings(max_examples=10)
-def test_order_of_data_does_not_matter(seed, order):
+def test_order_of_data_has_no_effect(seed, order):
     X, Y, hyper, queries = problem(seed, N=25)
     order = list(order)
     a, b = gp.condition(X, Y, hyper), gp.condition(X[order], Y[order], hyper)
@@ -169,8 +169,8 @@ def test_order_of_data_does_not_matter(seed, order):
 
 @given(seeds)
 @settings(max_examples=10)
-def test_data_never_raise_the_variance_and_each_gains(seed):
-    """Data never raise the variance and each gains information."""
+def test_data_reduce_variance_and_gain_information(seed):
+    """Data never increase the variance, and every point adds information."""
     X, Y, hyper, queries = problem(seed, N=15)
     p, before, gained = gp.prior(hyper, 15), None, np.zeros(3)
     for x, y in zip(jnp.asarray(X), jnp.asarray(Y), strict=True):
@@ -214,12 +214,12 @@ def test_mean_is_differentiable_by_jax():
         assert (np.abs(jacobian[:, d] - numeric) <= 1e-7 * scale).all()
 
 
-# -- oracles -----------------------------------------------------------------------------------------------------
+# -- independent implementations ---------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("noise", [1e-1, 1e-3, 1e-6, 1e-9, 1e-11])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_mpmath_decides(seed, noise):
+def test_posterior_equals_mpmath(seed, noise):
     X, Y, hyper, queries = problem(seed, N=30, dimensions=2, outputs=2, noise=noise)
     p = gp.condition(X, Y, hyper, 35)
     mu, var = means(p, queries), variances(p, queries)
@@ -245,20 +245,20 @@ def test_agrees_with_scikit_learn(seed):
     X, Y, hyper, queries = problem(seed, N=80)
     p = gp.condition(X, Y, hyper, 100)
     for i in range(3):
-        oracle = scikit_learn(X, Y[:, i], hyper, i)
-        mu, std = oracle.predict(np.asarray(queries), return_std=True)
+        model = scikit_learn(X, Y[:, i], hyper, i)
+        mu, std = model.predict(np.asarray(queries), return_std=True)
         cond = np.linalg.cond(gram(X, hyper, i))
         assert (
             np.abs(means(p, queries)[:, i] - mu - arrays(hyper, i)[3]) <= tolerance(cond, 1e-9) * Y[:, i].std()
         ).all()
         # scikit-learn subtracts in the same way, so its own rounding may be as large: twice the tolerance.
         assert (np.abs(variances(p, queries)[:, i] - std**2) <= 2 * tolerance(cond, 1e-8) * std**2).all()
-        assert abs(gp.log_likelihood(p)[i] - oracle.log_marginal_likelihood_value_) <= 1e-8 * len(X)
+        assert abs(gp.log_likelihood(p)[i] - model.log_marginal_likelihood_value_) <= 1e-8 * len(X)
 
 
 @given(seeds)
 @settings(max_examples=10)
-def test_leaving_one_out_is_refitting_without_it(seed):
+def test_leave_one_out_equals_conditioning_without(seed):
     X, Y, hyper, _ = problem(seed, N=20)
     residual, variance = gp.leave_one_out(gp.condition(X, Y, hyper, 24))
     for k in range(20):
@@ -275,7 +275,7 @@ def test_leaving_one_out_is_refitting_without_it(seed):
 
 @pytest.mark.parametrize("noise", [1e-1, 1e-4, 1e-8])
 @pytest.mark.parametrize("seed", range(3))
-def test_append_equals_conditioning_anew(seed, noise):
+def test_append_equals_conditioning(seed, noise):
     X, Y, hyper, queries = problem(seed, N=60, noise=noise)
     p = gp.condition(X[:20], Y[:20], hyper, 64)
     for x, y in zip(jnp.asarray(X[20:]), jnp.asarray(Y[20:]), strict=True):
@@ -300,7 +300,7 @@ def test_remove_equals_conditioning_without(seed, k, capacity):
     )
 
 
-def test_a_hundred_cycles_stay_beside_a_fresh_factorization():
+def test_hundred_append_remove_cycles_stay_accurate():
     X, Y, hyper, queries = problem(5, N=200, noise=1e-3)
     p, kept, rng = gp.condition(X[:100], Y[:100], hyper, 100), list(range(100)), np.random.default_rng(0)
     for new in range(100, 200):
@@ -328,8 +328,8 @@ def test_removing_all_points_leaves_the_prior():
     assert (means(p, queries) == np.asarray(hyper.constant_mean)).all()
 
 
-def test_what_cannot_be_appended_or_removed_is_refused():
-    """What cannot be appended or removed is refused and nothing changes."""
+def test_invalid_append_and_remove_change_nothing():
+    """Points that cannot be appended or removed are refused, and nothing changes."""
     X, Y, hyper, _ = problem(3, N=5)
     p = gp.condition(X, Y, hyper, 6)
     x, y = jnp.asarray(X[0]), jnp.asarray(Y[0])
@@ -349,7 +349,7 @@ def test_what_cannot_be_appended_or_removed_is_refused():
 
 
 def compilations(caplog, work):
-    """How many programs XLA compiled during `work()`."""
+    """Return the number of programs that XLA compiled during `work()`."""
     caplog.clear()
     with jax.log_compiles(), caplog.at_level(logging.WARNING):
         work()
@@ -372,10 +372,10 @@ def test_a_hundred_appends_compile_nothing(caplog):
 
     assert compilations(caplog, hundred) == 0
     other = gp.prior(hyper, 99)
-    assert compilations(caplog, lambda: gp.append(other, *points[0])) > 0  # the counter counts
+    assert compilations(caplog, lambda: gp.append(other, *points[0])) > 0  # the counter works
 
 
-# -- bad data ----------------------------------------------------------------------------------------------------
+# -- invalid data ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -390,13 +390,13 @@ def test_a_hundred_appends_compile_nothing(caplog):
         (lambda X, Y: (np.tile(X, (2, 1)), np.tile(Y, (2, 1))), "capacity is 50"),
     ],
 )
-def test_bad_data_are_refused_in_words(change, message):
+def test_invalid_data_are_refused(change, message):
     X, Y, hyper, _ = problem(0)
     with pytest.raises(ValueError, match=message):
         gp.condition(*change(X, Y), hyper, 50)
 
 
-def test_singular_gram_matrix_is_refused_in_words():
+def test_singular_gram_matrix_is_refused():
     X, Y, _, _ = problem(0)
     hyper = gp.make_hyperparameters(np.ones(3), np.full(4, 1e6), 5e-14)
     with pytest.raises(ValueError, match=r"output 0: .*not be positive definite.* use noise_variance >="):
@@ -414,14 +414,14 @@ def test_singular_gram_matrix_is_refused_in_words():
         (([1.0, 2.0], np.ones((3, 4)), 0.1), "signal_variance has shape"),
     ],
 )
-def test_bad_hyperparameters_are_refused_in_words(arguments, message):
+def test_invalid_hyperparameters_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         gp.make_hyperparameters(*arguments)
 
 
 @pytest.mark.parametrize("copies", [2, 20])
 def test_duplicates_are_averaged(copies):
-    """m equal inputs with noise v are one input with the mean label and noise v / m."""
+    """Equal inputs with noise v act as one input with the mean label and noise v / m."""
     X, Y, hyper, queries = problem(6, N=10)
     rng = np.random.default_rng(0)
     many = np.repeat(Y, copies, axis=0) + 0.1 * rng.normal(size=(10 * copies, 3))
@@ -435,7 +435,7 @@ def test_duplicates_are_averaged(copies):
     np.testing.assert_allclose(variances(p, queries), variances(q, queries), rtol=1e-8)
 
 
-def test_one_point_is_known_in_closed_form():
+def test_one_point_equals_the_closed_form():
     hyper = gp.make_hyperparameters(2.0, [3.0], 0.5, 1.0)
     p = gp.condition([[0.0]], [[4.0]], hyper, 3)
     k = 2 * np.exp(-0.5 * (1.5 / 3) ** 2)
@@ -444,8 +444,8 @@ def test_one_point_is_known_in_closed_form():
 
 
 @jax.jit
-def crowd(p, X, Y):
-    """Append points in their order; which were accepted."""
+def append_all(p, X, Y):
+    """Append points in their order and return which were accepted."""
 
     def step(p, point):
         return gp.append(p, *point)
@@ -455,8 +455,8 @@ def crowd(p, X, Y):
 
 @pytest.mark.parametrize("lengthscale", [0.05, 0.5, 2.0, 10.0])
 @pytest.mark.parametrize("ordered", [True, False])
-def test_the_worst_crowd_is_kept_and_answered_right(lengthscale, ordered):
-    """At the least noise allowed: `E = W K W^T - I` stays small, and the answer is off by what follows from E.
+def test_dense_points_at_minimal_noise_are_accurate(lengthscale, ordered):
+    """With minimal admissible noise `E = W K W^T - I` stays small, and the prediction error is that implied by E.
 
     `K^-1 = W^T (I + E)^-1 W` exactly, so a mean is off by at most `|E| / (1 - |E|) |W k| |W y|`, and the last two are
     at most the kernel's and the function's norm, here 1.
@@ -473,16 +473,16 @@ def test_the_worst_crowd_is_kept_and_answered_right(lengthscale, ordered):
     y, queries = kernel(X, centers) @ weights, np.linspace(0, 1, 300)
     noise = min_noise_ratio_for_append(N)
     p = gp.prior(gp.make_hyperparameters(1.0, [lengthscale], noise), N)
-    p, kept = crowd(p, jnp.asarray(X)[:, None], jnp.asarray(y)[:, None])
+    p, kept = append_all(p, jnp.asarray(X)[:, None], jnp.asarray(y)[:, None])
     assert kept.all()
     W = np.asarray(p.inverse_cholesky[0]).astype(np.longdouble)
     E = (W @ (kernel(X, X, np.longdouble) + noise * np.eye(N)) @ W.T - np.eye(N)).astype(float)
     loss = np.linalg.norm(E, 2)
     assert loss < 0.25
     Wk, Wy = (W @ kernel(X, queries, np.longdouble)).astype(float), (W @ y).astype(float)
-    right = Wk.T @ np.linalg.solve(np.eye(N) + E, Wy)
+    expected = Wk.T @ np.linalg.solve(np.eye(N) + E, Wy)
     found = means(p, jnp.asarray(queries)[:, None])[:, 0]
-    assert np.abs(found - right).max() <= loss / (1 - loss) * np.linalg.norm(Wk, axis=0).max() * np.linalg.norm(Wy)
+    assert np.abs(found - expected).max() <= loss / (1 - loss) * np.linalg.norm(Wk, axis=0).max() * np.linalg.norm(Wy)
     assert (variances(p, jnp.asarray(queries)[:, None]) >= 0).all()
 
 
@@ -494,13 +494,13 @@ def test_noise_beyond_working_precision_is_refused():
 
 
 @pytest.mark.parametrize("noise", [0.5, 1e-3, 1e-7])
-def test_a_factor_does_not_grow_where_rounding_would_swallow(noise):
-    """With less noise than that, `append` must say no rather than divide by what rounding left, and stay as it was."""
+def test_append_refuses_too_small_noise(noise):
+    """With less noise `append` must refuse rather than divide by rounding errors, and the factor stays unchanged."""
     N = 200
-    honest = gp.prior(gp.make_hyperparameters(1.0, [10.0], 1.0), N)
-    smuggled = dataclasses.replace(honest.hyper, noise_variance=jnp.asarray([noise * min_noise_ratio_for_append(N)]))
+    valid = gp.prior(gp.make_hyperparameters(1.0, [10.0], 1.0), N)
+    too_small = dataclasses.replace(valid.hyper, noise_variance=jnp.asarray([noise * min_noise_ratio_for_append(N)]))
     X = jnp.linspace(0, 1, N)[:, None]
-    p, kept = crowd(dataclasses.replace(honest, hyper=smuggled), X, jnp.sin(X))
+    p, kept = append_all(dataclasses.replace(valid, hyper=too_small), X, jnp.sin(X))
     assert not kept.any()
     assert int(p.num_points) == 0
     assert (variances(p, X) == 1).all()
@@ -511,7 +511,7 @@ def test_a_factor_does_not_grow_where_rounding_would_swallow(noise):
 
 @pytest.fixture
 def unchecked():
-    """What ships: without the hook of conftest.py that checks shapes at run time."""
+    """Reload the module as shipped, without the import hook that checks shapes."""
     jaxtyping.config.update("jaxtyping_disable", True)
     jax.clear_caches()
     yield
@@ -523,7 +523,7 @@ T, NOW = jnp.zeros(()), jnp.array(True)
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (3,), (5,), (1, 4), (4, 1), (2, 4)])
-def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
+def test_input_of_another_shape_is_refused(shape, unchecked):
     X, Y, hyper, _ = problem(0, N=5)
     p, x, y = gp.condition(X, Y, hyper, 6), jnp.ones(shape), jnp.asarray(Y[0])
     data, key, gate = gp.empty_dataset(4, 4, 3), jax.random.key(0), jnp.asarray(0.1)
@@ -542,7 +542,7 @@ def test_an_input_of_another_shape_is_refused_in_words(shape, unchecked):
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (4,), (1, 3), (2, 3)])
-def test_an_output_of_another_shape_is_refused_in_words(shape, unchecked):
+def test_output_of_another_shape_is_refused(shape, unchecked):
     X, Y, hyper, _ = problem(0, N=5)
     p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.ones(shape)
     data = gp.empty_dataset(4, 4, 3)
@@ -556,7 +556,7 @@ def test_an_output_of_another_shape_is_refused_in_words(shape, unchecked):
             call()
 
 
-def test_other_arguments_are_refused_in_words(unchecked):
+def test_other_invalid_arguments_are_refused(unchecked):
     X, Y, hyper, _ = problem(0, N=5)
     p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.asarray(Y[0])
     stacked = jax.tree.map(lambda a: jnp.stack([a, a]), p)
@@ -576,8 +576,8 @@ def test_other_arguments_are_refused_in_words(unchecked):
 
 
 @pytest.mark.parametrize("huge", [1e308, -1e308, 1.0000001e100, np.inf, np.nan])
-def test_numbers_beyond_range_are_refused_aloud_and_change(huge):
-    """Numbers beyond range are refused aloud and change nothing."""
+def test_values_out_of_range_are_refused(huge):
+    """Values out of range are refused, and nothing changes."""
     X, Y, hyper, queries = problem(3, N=5)
     p, x, y = gp.condition(X, Y, hyper, 6), jnp.asarray(X[0]), jnp.asarray(Y[0])
     for bad in ((x.at[1].set(huge), y), (x, y.at[2].set(huge))):
@@ -593,7 +593,7 @@ def test_numbers_beyond_range_are_refused_aloud_and_change(huge):
     assert np.isfinite(gp.log_likelihood(large)).all()
 
 
-def test_outputs_beyond_float64_beside_the_noise_are_refused():
+def test_outputs_too_large_for_the_noise_are_refused():
     hyper = gp.make_hyperparameters(1e-190, [1.0], 1e-195)
     with pytest.raises(ValueError, match=r"output 0: Y of magnitude 1e\+90 .* noise_variance = 1e-195"):
         gp.condition([[0.0]], [[1e90]], hyper)
@@ -604,7 +604,7 @@ def test_outputs_beyond_float64_beside_the_noise_are_refused():
 
 
 @pytest.mark.parametrize(("points", "N"), [(0, 12), (1, 0), (130, 12), (130, 7)])
-def test_predict_is_mean_and_variance(points, N):
+def test_predict_returns_mean_and_variance(points, N):
     X, Y, hyper, _ = problem(N, N=12)
     p = gp.condition(X[:N], Y[:N], hyper, 12)
     x = jnp.asarray(np.random.default_rng(N).normal(size=(points, 4)) * X.std(0) + X[:1])
@@ -616,7 +616,7 @@ def test_predict_is_mean_and_variance(points, N):
         assert (np.abs(sigma2 - variances(p, x)) <= 1e-9 * s).all()
 
 
-def test_predict_in_strips_is_mean_and_variance(monkeypatch):
+def test_predict_in_batches_returns_mean_and_variance(monkeypatch):
     X, Y, hyper, _ = problem(1, N=30)
     p, x = gp.condition(X, Y, hyper, 37), jnp.asarray(np.tile(X, (5, 1)))
     whole = gp.predict(p, x)
@@ -630,8 +630,8 @@ def test_predict_in_strips_is_mean_and_variance(monkeypatch):
 
 
 @pytest.mark.parametrize("N", [0, 20, 30])
-def test_a_saved_gp_comes_back_with_every_bit_of_what_it_follows(tmp_path, N):
-    """A saved gp comes back with every bit of what it follows from."""
+def test_saved_data_and_hyperparameters_are_bit_exact(tmp_path, N):
+    """A loaded GP has the same data and hyperparameters bit by bit."""
     X, Y, hyper, queries = problem(7, N=30)
     p = gp.condition(X[:N], Y[:N], hyper, 30)
     gp.save_gp(p, tmp_path / "a.npz")
@@ -651,8 +651,8 @@ def test_a_saved_gp_comes_back_with_every_bit_of_what_it_follows(tmp_path, N):
 
 @given(seeds)
 @settings(max_examples=5)
-def test_a_gp_that_grew_and_shrank_comes_back_the_same(tmp_path_factory, seed):
-    """A gp that grew and shrank comes back the same to rounding."""
+def test_saved_gp_after_append_and_remove(tmp_path_factory, seed):
+    """A GP after append and remove is loaded equal to rounding."""
     X, Y, hyper, queries = problem(seed, N=20)
     p, _ = gp.append(gp.condition(X[:19], Y[:19], hyper, 30), jnp.asarray(X[19]), jnp.asarray(Y[19]))
     p, _ = gp.remove(p, jnp.asarray(3))
@@ -663,7 +663,7 @@ def test_a_gp_that_grew_and_shrank_comes_back_the_same(tmp_path_factory, seed):
 
 
 @pytest.mark.parametrize("umask", [0o022, 0o077, 0o027])
-def test_a_saved_file_has_the_mode_of_the_umask(tmp_path, umask):
+def test_saved_file_respects_the_umask(tmp_path, umask):
     before = os.umask(umask)
     try:
         gp.save_gp(gp.prior(gp.make_hyperparameters(1.0, [1.0], 0.1), 3), tmp_path / "a.npz")
@@ -672,7 +672,7 @@ def test_a_saved_file_has_the_mode_of_the_umask(tmp_path, umask):
     assert stat.S_IMODE((tmp_path / "a.npz").stat().st_mode) == 0o666 & ~umask
 
 
-def test_a_damaged_file_is_refused_in_one_way_or_read_whole(tmp_path):
+def test_damaged_file_is_refused_or_read_exactly(tmp_path):
     """Thousands of flipped, cut, inserted and zeroed bytes: ValueError with the path, or every bit as saved."""
     X, Y, hyper, _ = problem(7, N=6)
     p = gp.condition(X, Y, hyper, 8)
@@ -710,7 +710,7 @@ def test_a_damaged_file_is_refused_in_one_way_or_read_whole(tmp_path):
             for name, array in arrays.items():
                 np.testing.assert_array_equal(read[name], array)
     assert refused > 1500
-    for k in range(40):  # and the way in, which adds the path
+    for k in range(40):  # the entry point, which adds the path
         path.write_bytes(damaged(k))
         try:
             gp.load_gp(path)
@@ -750,7 +750,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_wrong_values_by_hand_are_refused_in_words(tmp_path, case):
+def test_invalid_stored_values_are_refused(tmp_path, case):
     changes, message = WRONG[case]
     X, Y, hyper, _ = problem(7, N=6)
     gp.save_gp(gp.condition(X, Y, hyper, 8), tmp_path / "a.npz")
@@ -765,7 +765,7 @@ def test_wrong_values_by_hand_are_refused_in_words(tmp_path, case):
         gp.load_gp(tmp_path / "a.npz")
 
 
-def test_files_made_in_other_ways_are_refused(tmp_path):
+def test_files_of_other_origin_are_refused(tmp_path):
     path = tmp_path / "a.npz"
     gp.save_gp(gp.prior(gp.make_hyperparameters(1.0, [1.0], 0.1), 3), path)
     with np.load(path) as file:
@@ -779,7 +779,7 @@ def test_files_made_in_other_ways_are_refused(tmp_path):
         gp.load_gp(tmp_path)
 
 
-def test_what_could_not_be_loaded_is_not_saved(tmp_path):
+def test_unloadable_gp_is_not_saved(tmp_path):
     X, Y, hyper, _ = problem(7, N=6)
     p = gp.condition(X, Y, hyper, 8)
     for bad in (
@@ -791,7 +791,7 @@ def test_what_could_not_be_loaded_is_not_saved(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_failed_save_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
+def test_failed_save_keeps_the_old_file(tmp_path, monkeypatch):
     X, Y, hyper, _ = problem(7, N=20)
     p = gp.condition(X, Y, hyper)
     gp.save_gp(p, tmp_path / "a.npz")
@@ -808,13 +808,13 @@ def test_a_failed_save_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"PK\x03\x04 torn"])
-def test_a_file_that_is_no_gp_is_refused(tmp_path, content):
+def test_other_file_is_refused(tmp_path, content):
     (tmp_path / "a.npz").write_bytes(content)
     with pytest.raises(ValueError, match=r"a\.npz: not a GP file"):
         gp.load_gp(tmp_path / "a.npz")
 
 
-def test_another_npz_is_refused(tmp_path):
+def test_other_npz_is_refused(tmp_path):
     np.savez(tmp_path / "a.npz", x=np.ones(3))
     with pytest.raises(ValueError, match="format is not stated"):
         gp.load_gp(tmp_path / "a.npz")
@@ -823,7 +823,7 @@ def test_another_npz_is_refused(tmp_path):
         gp.load_gp(tmp_path / "b.npz")
 
 
-def test_a_batch_is_not_saved_as_one(tmp_path):
+def test_batch_is_not_saved(tmp_path):
     _, _, hyper, _ = problem(7)
     p = gp.prior(hyper, 3)
     with pytest.raises(ValueError, match="batch axes"):

@@ -1,4 +1,4 @@
-"""Of more points than a budget allows those stay that tell most."""
+"""Tests of subset selection: within a budget the most informative points are kept."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tests.support.gp_problems import problem
 LINE = gp.make_hyperparameters(1.0, [1.0], 1e-2)
 
 
-def always(n):
+def equal_weights(n):
     return np.ones(n), np.zeros(n, bool)
 
 
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), noisier=st.booleans(), firsts=st.sampled_from([0, 1, 3, 5]))
-def test_each_point_that_goes_is_the_one_without_which_most(seed, noisier, firsts):
-    """Each point that goes is the one without which most information is left."""
+def test_each_dropped_point_is_the_least_informative(seed, noisier, firsts):
+    """Each dropped point is the one without which most information remains."""
     X, Y, hyper, _ = problem(seed, N=9)
     noise = np.random.default_rng(seed).uniform(1, 4, 9) if noisier else np.ones(9)
     left, first = list(range(9)), np.arange(9) < firsts
@@ -35,7 +35,9 @@ def test_each_point_that_goes_is_the_one_without_which_most(seed, noisier, first
 
 
 def information(these, X, Y, hyper, noise):
-    """Of these points, nats summed over outputs; where noise is one that of `gp.information_gain`."""
+    """Return the information of these points in nats, summed over outputs; with noise one that of
+    `gp.information_gain`.
+    """
     total = 0.0
     for i in range(len(hyper.signal_variance)):
         one = gp.select_outputs(hyper, slice(i, i + 1))
@@ -50,7 +52,7 @@ def information(these, X, Y, hyper, noise):
     return total
 
 
-def test_of_points_in_one_place_the_oldest_go():
+def test_oldest_of_equal_points_are_dropped():
     X = np.array([0.0, 0.0, 0.0, 5.0])[:, None]
     assert list(gp.select_subset(X, LINE, 2, np.array([3.0, 1.0, 2.0, 9.0]), np.zeros(4, bool))) == [
         False,
@@ -60,21 +62,21 @@ def test_of_points_in_one_place_the_oldest_go():
     ]
 
 
-def test_points_that_go_first_go_before_any_other():
+def test_marked_points_are_dropped_first():
     X = np.array([0.0, 0.01, 0.02, 5.0, 9.0])[:, None]
     first = np.array([False, False, False, True, True])
     assert list(gp.select_subset(X, LINE, 3, np.ones(5), first)) == [True, True, True, False, False]
     assert gp.select_subset(X, LINE, 2, np.ones(5), first)[3:].sum() == 0
 
 
-def test_within_the_budget_all_stay():
+def test_all_points_within_the_budget_are_kept():
     X = np.zeros((5, 1))
-    assert gp.select_subset(X, LINE, 5, *always(5)).all()
-    assert gp.select_subset(X, LINE, 9, *always(5)).all()
+    assert gp.select_subset(X, LINE, 5, *equal_weights(5)).all()
+    assert gp.select_subset(X, LINE, 9, *equal_weights(5)).all()
 
 
-def test_a_long_path_is_not_forgotten_for_a_place():
-    """A long path is not forgotten for a place that is hovered at."""
+def test_path_samples_survive_a_long_hover():
+    """Samples of a long path are kept although the robot hovers at one point afterwards."""
     rng = np.random.default_rng(0)
     x = np.concatenate([np.linspace(0, 20, 60), np.full(400, 20.0) + 0.01 * rng.normal(size=400)])
     older = 1 + np.arange(460)[::-1] / 100
@@ -85,7 +87,7 @@ def test_a_long_path_is_not_forgotten_for_a_place():
     assert stays[60:].sum() < 20
 
 
-def test_noise_too_small_for_a_factor_is_refused():
+def test_too_small_noise_is_refused():
     hyper = dataclasses.replace(LINE, noise_variance=LINE.noise_variance * 1e-16)
     with pytest.raises(ValueError, match=r"the Gram matrix of 30 points may not be positive definite"):
-        gp.select_subset(np.zeros((30, 1)), hyper, 20, *always(30))
+        gp.select_subset(np.zeros((30, 1)), hyper, 20, *equal_weights(30))

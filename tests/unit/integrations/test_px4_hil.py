@@ -1,4 +1,4 @@
-"""The lockstep server, against a stand-in autopilot that knows PX4's side of the protocol and nothing of ours."""
+"""Tests of the lockstep server with a stand-in autopilot that implements only PX4's side of the protocol."""
 
 from __future__ import annotations
 
@@ -27,38 +27,38 @@ from colift.scenario import experiment
 from tests.support import small_team as light
 
 TICKS = 100
-BOOT, ARM = 3, 7  # sensors that pass before an answer, and before it is an armed one
+BOOT, ARM = 3, 7  # sensor messages before the first answer, and before arming
 ROTORS = np.array([(1, 1, 1), (-1, -1, 1), (1, -1, -1), (-1, 1, -1)]) * [0.15, 0.15, 0.05]  # m: forward, right, yaw
 
 
 @dataclasses.dataclass
 class StandIn:
-    """What PX4 does in lockstep: its clock is the sensors', it answers each, its rotors are in FRD."""
+    """PX4 in lockstep: its clock is that of the sensor messages, it answers each, its rotors are in FRD."""
 
     port: int
-    asked: queue.SimpleQueue  # thrust and torque setpoints, as they would come over uORB
+    setpoints: queue.SimpleQueue  # thrust and torque setpoints, as they would come over uORB
     thrust_max: float
-    quits: int = 10**9  # sensors after which it goes
+    quits: int = 10**9  # sensor messages after which it ends
 
     def run(self) -> None:
-        self.seen: dict[str, list] = {}
+        self.received: dict[str, list] = {}
         mav = mavlink.MAVLink(None, srcSystem=1)
         with socket.create_connection(("127.0.0.1", self.port)) as connection:
-            while len(self.seen.get("HIL_SENSOR", ())) < self.quits and (received := connection.recv(4096)):
+            while len(self.received.get("HIL_SENSOR", ())) < self.quits and (received := connection.recv(4096)):
                 for message in mav.parse_buffer(received) or ():
-                    self.seen.setdefault(message.get_type(), []).append(message)
+                    self.received.setdefault(message.get_type(), []).append(message)
                     if message.get_type() == "HIL_SENSOR":
                         connection.sendall(self.answer(mav, message.time_usec))
 
     def answer(self, mav: mavlink.MAVLink, time: int) -> bytes:
-        """Signals of the rotors for what is asked, by PX4's geometry; none while it boots, zeros until it is armed."""
-        thrust, torque = self.asked.get(timeout=600)
-        heard = len(self.seen["HIL_SENSOR"])
-        if heard <= BOOT:
+        """Return rotor signals for the setpoint by PX4's geometry; none during startup, zeros until armed."""
+        thrust, torque = self.setpoints.get(timeout=600)
+        received = len(self.received["HIL_SENSOR"])
+        if received <= BOOT:
             return b""
         half = np.abs(ROTORS[:, [1, 0, 2]]).sum(0) / 2 * self.thrust_max / 4
         effect = np.array([[1, -y, x, k] for x, y, k in ROTORS]).T * self.thrust_max / 4
-        armed = heard > ARM
+        armed = received > ARM
         signals = np.linalg.solve(effect, [-thrust[2] * self.thrust_max, *(np.asarray(torque) * half)]) * armed
         mode = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | armed * mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         return mavlink.MAVLink_hil_actuator_controls_message(time, [*signals, *[0.0] * 12], mode, 1).pack(mav)
@@ -69,19 +69,19 @@ def plan() -> Experiment:
     return dataclasses.replace(experiment.make_experiment(light.settings(), "C1"), duration=TICKS * 0.002)
 
 
-def flown(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
-    """Every tick of a flight, and the autopilots after it."""
-    most = [float(x) for group in plan.world.team.agent_groups for x in group.thrust_max]
+def simulate_with_autopilots(one_experiment: Experiment, **options: int) -> tuple[list, list[StandIn]]:
+    """Return all steps of a flight and the autopilots afterwards."""
+    most = [float(x) for group in one_experiment.world.team.agent_groups for x in group.thrust_max]
     with px4_hil.open_servers(len(most), 0) as servers:
         ports = [server.getsockname()[1] for server in servers]
-        stand_ins = [StandIn(port, queue.SimpleQueue(), u, **given) for port, u in zip(ports, most, strict=True)]
+        stand_ins = [StandIn(port, queue.SimpleQueue(), u, **options) for port, u in zip(ports, most, strict=True)]
         threads = [threading.Thread(target=each.run, daemon=True) for each in stand_ins]
         for thread in threads:
             thread.start()
         try:
             with px4_hil.accept_connections(servers, 30.0) as links:
-                ask = lambda j, wanted: stand_ins[j].asked.put(wanted)  # noqa: E731
-                return list(px4_hil.run_lockstep(plan, links, ask)), stand_ins
+                request = lambda j, setpoint: stand_ins[j].setpoints.put(setpoint)  # noqa: E731
+                return list(px4_hil.run_lockstep(one_experiment, links, request)), stand_ins
         finally:
             for thread in threads:
                 thread.join(30)
@@ -89,12 +89,12 @@ def flown(plan: Experiment, **given: int) -> tuple[list, list[StandIn]]:
 
 @pytest.fixture(scope="module")
 def flight(plan: Experiment) -> tuple[list, list[StandIn]]:
-    return flown(plan)
+    return simulate_with_autopilots(plan)
 
 
 @pytest.mark.long
-def test_the_team_flies_as_without_autopilots(plan: Experiment, flight: tuple[list, list[StandIn]]) -> None:
-    """What goes out as setpoints in FRD and comes back as signals of rotors is the thrust and torque that were asked.
+def test_flight_equals_that_without_autopilots(plan: Experiment, flight: tuple[list, list[StandIn]]) -> None:
+    """Setpoints in FRD, returned as rotor signals, yield the commanded thrust and torque.
 
     But for signals of 32 bits, 6e-8 of a rotor's force.
     """
@@ -111,27 +111,27 @@ def test_the_team_flies_as_without_autopilots(plan: Experiment, flight: tuple[li
 
 
 @pytest.mark.long
-def test_the_world_waits_until_all_are_armed_and_then_keeps_step(flight: tuple[list, list[StandIn]]) -> None:
+def test_simulation_starts_when_all_autopilots_are_armed(flight: tuple[list, list[StandIn]]) -> None:
     _, stand_ins = flight
     for each in stand_ins:
-        times = [m.time_usec for m in each.seen["HIL_SENSOR"]]
+        times = [m.time_usec for m in each.received["HIL_SENSOR"]]
         assert np.diff(times) == pytest.approx(2000)
         assert len(times) >= TICKS + ARM + 1
-        assert len(each.seen["HIL_STATE_QUATERNION"]) == len(times)
-        assert len(each.seen["HIL_GPS"]) == -(-len(times) // 50)
-        at_rest = each.seen["HIL_SENSOR"][: len(times) - TICKS]
+        assert len(each.received["HIL_STATE_QUATERNION"]) == len(times)
+        assert len(each.received["HIL_GPS"]) == -(-len(times) // 50)
+        at_rest = each.received["HIL_SENSOR"][: len(times) - TICKS]
         assert len({(m.xacc, m.yacc, m.zacc, m.xgyro, m.abs_pressure) for m in at_rest}) == 1
         assert at_rest[0].zacc == pytest.approx(-9.81, abs=0.01)
         assert {m.fields_updated for m in at_rest} == {0x1BFF}
 
 
 @pytest.mark.long
-def test_an_autopilot_that_goes_is_said(plan: Experiment) -> None:
+def test_lost_autopilot_is_reported(plan: Experiment) -> None:
     with pytest.raises((ConnectionError, OSError)):
-        flown(plan, quits=20)
+        simulate_with_autopilots(plan, quits=20)
 
 
-def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
+def test_sensor_messages_use_px4_frames_and_units() -> None:
     rng = np.random.default_rng(0)
     R = Rotation.random(random_state=rng)
     x, v, a, omega = rng.normal(size=(4, 3)) * [[20], [3], [9], [1]]
@@ -139,7 +139,7 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
         R=jnp.array(R.as_matrix()), x=jnp.array(x), v=jnp.array(v), omega=jnp.array(omega), a=jnp.array(a),
         r=jnp.zeros(0), lam=jnp.zeros((1, 3)),
     )  # fmt: skip
-    home = px4_frames.HOME
+    home = px4_frames.DEFAULT_HOME
     sensor, state, gps = px4_hil.sensor_messages(reading, 123, True, home)
     assert {m.time_usec for m in (sensor, state, gps)} == {123}
     np.testing.assert_allclose([sensor.xacc, sensor.yacc, sensor.zacc], a * [1, -1, -1])
@@ -158,7 +158,7 @@ def test_what_is_sent_is_the_reading_in_px4_s_frames_and_units() -> None:
         message.pack(mavlink.MAVLink(None))
 
 
-def test_only_this_computer_is_listened_to() -> None:
+def test_server_binds_to_localhost() -> None:
     with px4_hil.open_servers(2, 0) as servers:
         assert {server.getsockname()[0] for server in servers} == {"127.0.0.1"}
         with (
@@ -168,7 +168,7 @@ def test_only_this_computer_is_listened_to() -> None:
             pass
 
 
-def test_as_many_autopilots_as_agents(plan: Experiment) -> None:
+def test_number_of_autopilots_equals_number_of_agents(plan: Experiment) -> None:
     with pytest.raises(ValueError, match="0 autopilots for 3 agents"):
         next(px4_hil.run_lockstep(plan, []))
 

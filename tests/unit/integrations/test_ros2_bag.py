@@ -1,4 +1,4 @@
-"""Flights as ROS 2 bags: read back by rosbags' own reader, and by mcap's with the numbers taken apart by hand."""
+"""Tests of exported ROS 2 bags, read back by the readers of rosbags and of mcap."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SHAPE = flights.Shape(groups=((2, 3, 2),), time=12)
 
 @pytest.fixture(scope="module")
 def ds() -> xr.Dataset:
-    """Random signals of the paper's team, its attitudes rotations."""
+    """Random signals of the paper's team with rotation matrices as attitudes."""
     rng = np.random.default_rng(3)
     turned = {name: Rotation.random(n, random_state=rng).as_matrix() for name, n in (("R", 24), ("R_L", 12), ("d", 12))}
     R_L, R_d = turned["R_L"], turned["d"]
@@ -54,7 +54,7 @@ def path(ds: xr.Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def messages(path: Path) -> dict[str, list[Any]]:
-    """Every topic's messages as rosbags reads them, by the definitions that the file itself holds."""
+    """Return all messages of every topic as rosbags reads them by the definitions in the file."""
     store, found = get_typestore(Stores.EMPTY), {}
     with Reader(path) as reader:
         types = {}
@@ -96,7 +96,7 @@ def test_poses_of_payload_and_reference(ds: xr.Dataset, messages: dict[str, list
             np.testing.assert_allclose(matrix(m.pose.orientation), R[k], atol=1e-12)
 
 
-def test_an_agent_s_pose_is_its_base_s(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
+def test_agent_pose_is_the_base_pose(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
     team, _ = team_module.team(TOLD)
     for j, name in enumerate(team_module.agent_names(TOLD)):
         agent = pinocchio_team.FreeAgent(pinocchio_team.take(team.agent_groups[0], j))
@@ -108,8 +108,8 @@ def test_an_agent_s_pose_is_its_base_s(ds: xr.Dataset, messages: dict[str, list[
             np.testing.assert_allclose(matrix(m.pose.orientation), ds.R.values[k, j], atol=1e-12)
 
 
-def test_wrenches_are_in_the_frames_they_name(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
-    """What the frames of /tf turn back into the world is what the log says."""
+def test_wrenches_are_in_the_stated_frames(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
+    """Transformed to the world by /tf they equal the log."""
     for k, tf in enumerate(messages["/tf"]):
         frames = {t.child_frame_id: t for t in tf.transforms}
         R_L = matrix(frames["payload"].transform.rotation)
@@ -127,7 +127,7 @@ def test_wrenches_are_in_the_frames_they_name(ds: xr.Dataset, messages: dict[str
             np.testing.assert_array_equal(xyz(m.wrench.torque), ds.tau.values[k, j])
 
 
-def test_frames_hang_together(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
+def test_frames_form_one_tree(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
     contacts = [c for agent in TOLD.agents for c in agent.contact_positions_m]
     for k, tf in enumerate(messages["/tf"]):
         frames = {t.child_frame_id: t for t in tf.transforms}
@@ -141,7 +141,7 @@ def test_frames_hang_together(ds: xr.Dataset, messages: dict[str, list[Any]]) ->
             np.testing.assert_array_equal(xyz(frames[name].transform.translation), xyz(where))
 
 
-def test_joint_states_are_named_as_in_the_scenario(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
+def test_joint_names_are_those_of_the_scenario(ds: xr.Dataset, messages: dict[str, list[Any]]) -> None:
     for j, agent in enumerate(TOLD.agents):
         own = slice(3 * j, 3 * j + 3)
         for k, m in enumerate(messages[f"/{agent.name}/joint_states"]):
@@ -150,13 +150,13 @@ def test_joint_states_are_named_as_in_the_scenario(ds: xr.Dataset, messages: dic
                 np.testing.assert_array_equal(found, logged.values[k, own])
 
 
-def test_mcap_s_reader_finds_the_same_bytes(ds: xr.Dataset, path: Path) -> None:
-    """CDR by hand: little endian, doubles on multiples of eight after the head of four bytes."""
+def test_cdr_bytes_read_by_mcap(ds: xr.Dataset, path: Path) -> None:
+    """CDR decoded in the test: little endian, doubles aligned to eight bytes after a header of four."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         assert reader.get_header().profile == "ros2"
-        said = {m.name: m.metadata for m in reader.iter_metadata()}["colift"]
-        assert (said["run"], said["case"]) == (flights.RUN, "C1")
+        metadata = {m.name: m.metadata for m in reader.iter_metadata()}["colift"]
+        assert (metadata["run"], metadata["case"]) == (flights.RUN, "C1")
         poses = [m for _, _, m in reader.iter_messages(topics="/payload/pose")]
     assert [m.log_time for m in poses] == np.rint(1e9 * ds.time.values).astype(int).tolist()
     for k, m in enumerate(poses):
@@ -167,7 +167,7 @@ def test_mcap_s_reader_finds_the_same_bytes(ds: xr.Dataset, path: Path) -> None:
         np.testing.assert_allclose(pin.Quaternion(np.array(quaternion)).matrix(), ds.R_L.values[k], atol=1e-12)
 
 
-def test_names_that_ros_cannot_tell_apart_are_refused(ds: xr.Dataset) -> None:
+def test_ambiguous_ros_names_are_refused(ds: xr.Dataset) -> None:
     names = ["n-1", "n_1"]
     with pytest.raises(ValueError, match="n_1: frame names must be unique"):
         ros2_bag.to_mcap(ds.assign_coords(agent=names))

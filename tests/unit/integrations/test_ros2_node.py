@@ -1,4 +1,4 @@
-"""The ROS 2 node: what messages say, what is commanded; with ROS where it is installed."""
+"""Tests of the ROS 2 node: conversion of messages, commands, and a run with ROS where installed."""
 
 from __future__ import annotations
 
@@ -33,38 +33,38 @@ def kind(name: str) -> Any:
     return ROS.types[f"{package}/msg/{name}"]
 
 
-def vector(v: np.ndarray, of: str = "Vector3") -> Any:
-    return kind(of)(*map(float, v))
+def vector(v: np.ndarray, ros_names: str = "Vector3") -> Any:
+    return kind(ros_names)(*map(float, v))
 
 
-def said(m: Measurement, of: ros2_node.RosNames) -> dict[str, Any]:
-    """A measurement as the messages of ROS that tell it."""
+def to_messages(m: Measurement, ros_names: ros2_node.RosNames) -> dict[str, Any]:
+    """Return a measurement as ROS messages."""
     header = ROS.types["std_msgs/msg/Header"](ROS.types["builtin_interfaces/msg/Time"](0, 0), "")
     m = jax.tree.map(np.asarray, m)
     bodies = {"payload": (m.payload, m.payload.p)}
     agents = [jax.tree.map(lambda x, j=j: x[j], group) for group in m.agents for j in range(len(group.x))]
-    bodies |= {name: (agent, agent.x) for name, agent in zip(of.agents, agents, strict=True)}
-    heard = {}
+    bodies |= {name: (agent, agent.x) for name, agent in zip(ros_names.agents, agents, strict=True)}
+    messages = {}
     for name, (reading, x) in bodies.items():
         q = kind("Quaternion")(*map(float, Rotation.from_matrix(reading.R).as_quat()))
-        heard[f"/{name}/pose"] = kind("PoseStamped")(header, kind("Pose")(vector(x, "Point"), q))
-        heard[f"/{name}/velocity"] = kind("Vector3Stamped")(header, vector(reading.v))
+        messages[f"/{name}/pose"] = kind("PoseStamped")(header, kind("Pose")(vector(x, "Point"), q))
+        messages[f"/{name}/velocity"] = kind("Vector3Stamped")(header, vector(reading.v))
         none, omega, a = np.zeros(9), vector(reading.omega), vector(reading.a)
-        heard[f"/{name}/imu"] = kind("Imu")(header, q, none, omega, none, a, none)
-    for name, joints, arms, agent in zip(*of, agents, strict=True):
+        messages[f"/{name}/imu"] = kind("Imu")(header, q, none, omega, none, a, none)
+    for name, joints, arms, agent in zip(*ros_names, agents, strict=True):
         if joints:
-            order = np.arange(len(joints))[::-1]  # a message has its own
+            order = np.arange(len(joints))[::-1]  # a message has its own order
             states = [joints[k] for k in order], agent.r[order], np.zeros(len(joints)), np.zeros(len(joints))
-            heard[f"/{name}/joint_states"] = kind("JointState")(header, *states)
+            messages[f"/{name}/joint_states"] = kind("JointState")(header, *states)
         for arm, lam in zip(arms, agent.lam, strict=True):
             force = kind("Wrench")(vector(lam), vector(np.zeros(3)))
-            heard[f"/{name}/{arm}/tip_force"] = kind("WrenchStamped")(header, force)
-    return heard
+            messages[f"/{name}/{arm}/tip_force"] = kind("WrenchStamped")(header, force)
+    return messages
 
 
 @pytest.fixture(scope="module")
-def measured() -> tuple[Any, Measurement]:
-    """The paper's nominal team, and a measurement of it with every number random."""
+def random_measurement() -> tuple[Any, Measurement]:
+    """The paper's nominal team, and a measurement of it with random numbers."""
     truth, nominal = team.team(TOLD)
     rng = np.random.default_rng(0)
     like = ros2_node._zero_measurement(truth)
@@ -77,26 +77,26 @@ def measured() -> tuple[Any, Measurement]:
     return nominal, jax.tree_util.tree_map_with_path(lambda path, x: turned(x) if path[-1].name == "R" else x, drawn)
 
 
-def test_a_measurement_is_what_the_messages_say(measured: tuple[Any, Measurement]) -> None:
-    team, m = measured
-    heard = said(m, NAMES)
-    assert heard.keys() == ros2_node.topics(NAMES).keys()
-    assert {topic: type(x).__name__.rpartition("__")[2] for topic, x in heard.items()} == ros2_node.topics(NAMES)
-    found = ros2_node.measurement_from_messages(team, NAMES, heard)
+def test_measurement_is_read_from_messages(random_measurement: tuple[Any, Measurement]) -> None:
+    team, m = random_measurement
+    messages = to_messages(m, NAMES)
+    assert messages.keys() == ros2_node.topics(NAMES).keys()
+    assert {topic: type(x).__name__.rpartition("__")[2] for topic, x in messages.items()} == ros2_node.topics(NAMES)
+    found = ros2_node.measurement_from_messages(team, NAMES, messages)
     assert jax.tree.structure(found) == jax.tree.structure(m)
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(m), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
 
 
-def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement]) -> None:
-    team, m = measured
+def test_unusable_messages_are_refused(random_measurement: tuple[Any, Measurement]) -> None:
+    team, m = random_measurement
     agent, joint = NAMES.agents[0], NAMES.joints[0][0]
 
     def answer(topic: str, change: Any) -> str:
-        heard = copy.deepcopy(said(m, NAMES))
-        change(heard[topic])
+        messages = copy.deepcopy(to_messages(m, NAMES))
+        change(messages[topic])
         with pytest.raises(ValueError) as caught:  # noqa: PT011
-            ros2_node.measurement_from_messages(team, NAMES, heard)
+            ros2_node.measurement_from_messages(team, NAMES, messages)
         return str(caught.value)
 
     assert "x " in answer(f"/{agent}/pose", lambda x: setattr(x.pose.position, "y", np.nan))
@@ -106,42 +106,46 @@ def test_what_cannot_be_flown_with_is_refused(measured: tuple[Any, Measurement])
 
 
 @pytest.mark.long
-def test_its_ticks_are_the_pilot_s() -> None:
-    """Through messages and back, against the pilot itself: three ticks of a team at rest, then moved."""
-    told = light.settings()
-    plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
-    tick, pilot = ros2_node.ControllerStep(plan, of), plan.controller
-    m, memory = plan.world.measure_at_rest(plan.initial_state), None
-    begin, step = jax.jit(pilot.init), jax.jit(pilot.step)
+def test_node_commands_equal_the_controller() -> None:
+    """Through messages and back, against the controller: three steps of a team at rest, then moved."""
+    settings = light.settings()
+    case_experiment, ros_names = experiment.make_experiment(settings, "C1"), ros2_node.names(settings)
+    tick, controller = ros2_node.ControllerStep(case_experiment, ros_names), case_experiment.controller
+    m, state = case_experiment.world.measure_at_rest(case_experiment.initial_state), None
+    begin, step = jax.jit(controller.init), jax.jit(controller.step)
     for k in range(3):
-        clock = ControlClock(t=jnp.asarray(k * plan.dt), dt=jnp.asarray(plan.dt))
+        clock = ControlClock(t=jnp.asarray(k * case_experiment.dt), dt=jnp.asarray(case_experiment.dt))
         moved = dataclasses.replace(m.payload, p=m.payload.p + jnp.array([0.01 * k, 0.0, -0.02 * k]))
         m = dataclasses.replace(m, payload=moved)
         if k == 0:
-            _, memory = begin(m, clock)
-        expected, memory, _ = step(memory, m, clock)
-        for j, command in enumerate(tick(said(m, of))):
+            _, state = begin(m, clock)
+        expected, state, _ = step(state, m, clock)
+        for j, command in enumerate(tick(to_messages(m, ros_names))):
             np.testing.assert_allclose(command.u, expected[0].u[j], atol=1e-9)
             np.testing.assert_allclose(command.tau, expected[0].tau[j], atol=1e-9)
             assert command.tau_r.shape == (0,)
 
 
-def test_names_are_those_of_ros() -> None:
+def test_names_are_valid_in_ros() -> None:
     agents = [agent.model_dump() | {"name": f"n-{i}"} for i, agent in enumerate(light.settings().agents)]
-    of = ros2_node.names(light.settings(agents=agents))
-    assert of == ros2_node.RosNames(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
+    ros_names = ros2_node.names(light.settings(agents=agents))
+    assert ros_names == ros2_node.RosNames(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of ROS's parser of parameters
-def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
-    """Its topics, fed by another node of this process; then they fall silent."""
+def test_node_stops_when_messages_stop() -> None:
+    """Another node of the process publishes its topics and then stops."""
     rclpy = pytest.importorskip("rclpy", reason="ROS 2: pip install 'colift[ros]'")
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     from geometry_msgs.msg import WrenchStamped
 
-    told = light.settings()
-    plan, of = experiment.make_experiment(told, "C1"), ros2_node.names(told)
-    messages, commanded, over = said(plan.world.measure_at_rest(plan.initial_state), of), [], threading.Event()
+    settings = light.settings()
+    case_experiment, ros_names = experiment.make_experiment(settings, "C1"), ros2_node.names(settings)
+    messages, commanded, over = (
+        to_messages(case_experiment.world.measure_at_rest(case_experiment.initial_state), ros_names),
+        [],
+        threading.Event(),
+    )
 
     def feed() -> None:
         context = rclpy.Context()
@@ -151,7 +155,7 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
         executor.add_node(other)
         made = {topic: _ros_message(message) for topic, message in messages.items()}
         publishers = {topic: other.create_publisher(type(x), topic, 10) for topic, x in made.items()}
-        other.create_subscription(WrenchStamped, f"/{of.agents[0]}/command", commanded.append, 10)
+        other.create_subscription(WrenchStamped, f"/{ros_names.agents[0]}/command", commanded.append, 10)
         while not over.is_set() and len(commanded) < 20:
             for topic, publisher in publishers.items():
                 publisher.publish(made[topic])
@@ -162,20 +166,20 @@ def test_with_ros_it_commands_while_it_hears_and_then_no_more() -> None:
     thread.start()
     try:
         with pytest.raises(TimeoutError, match=r"for 0\.1 s: commands stop"):
-            ros2_node.spin(plan, of, 120.0)
+            ros2_node.spin(case_experiment, ros_names, 120.0)
     finally:
         over.set()
         thread.join(10)
     assert len(commanded) >= 20
-    weight = sum(float(g.mass.sum()) for g in plan.controller.team.agent_groups) + float(
-        plan.controller.team.payload.mass
+    weight = sum(float(g.mass.sum()) for g in case_experiment.controller.team.agent_groups) + float(
+        case_experiment.controller.team.payload.mass
     )
     assert 0 < commanded[0].wrench.force.z < 2 * 9.81 * weight
-    assert commanded[0].header.frame_id == of.agents[0]
+    assert commanded[0].header.frame_id == ros_names.agents[0]
 
 
 def _ros_message(message: Any) -> Any:
-    """One of rosbags' messages as one of ROS's: the same fields."""
+    """Convert a message of rosbags to one of ROS with the same fields."""
     package, _, name = message.__msgtype__.partition("/msg/")
     made = getattr(importlib.import_module(f"{package}.msg"), name)()
     for field in made.get_fields_and_field_types():

@@ -1,4 +1,4 @@
-"""Small dense systems against LAPACK."""
+"""Tests of small dense linear systems against LAPACK."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_solve(n: int, condition: float) -> None:
     np.testing.assert_allclose(solution, x, atol=1e-14 * max(condition, 10))
 
 
-def test_eliminate_is_cholesky() -> None:
+def test_udu_eliminate_equals_cholesky() -> None:
     rng = np.random.default_rng(0)
     A, B = spd(rng, 6, 100), rng.normal(size=(20, 6, 4))
     U, d, Y = jax.jit(linalg.udu_eliminate)(jnp.array(A), jnp.array(B))
@@ -49,7 +49,7 @@ def test_products_broadcast() -> None:
     np.testing.assert_array_equal(linalg.transpose(jnp.array(A)), np.swapaxes(A, -1, -2))
 
 
-def test_a_matrix_that_is_not_positive_definite_gives_nan() -> None:
+def test_indefinite_matrix_gives_nan() -> None:
     assert np.isnan(solve(jnp.diag(jnp.array([1.0, -1.0])), jnp.ones((2, 1)))).any()
 
 

@@ -1,4 +1,4 @@
-"""Motors as what flies believes in them: against the closed form, and driven faster than they are."""
+"""Tests of the actuator lag model against the closed form, and of its inversion."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ def command(u: float, tau: float = 0.0) -> tuple[AgentInput, ...]:
 
 
 @pytest.mark.parametrize("delay", [0, 3])
-def test_a_step_comes_late_and_rises_as_a_first_order_lag(delay):
+def test_step_response_is_delayed_first_order_lag(delay):
     lag = ActuatorLag(bandwidth=jnp.array(8.0), delay=delay)
-    memory = lag.init(command(10.0))
+    state = lag.init(command(10.0))
     for k in range(40):
-        memory = lag.step(memory, command(20.0, 1.0), DT)
+        state = lag.step(state, command(20.0, 1.0), DT)
         risen = 1 - np.exp(-2 * np.pi * 8.0 * 0.002 * max(0, k + 1 - delay))
-        np.testing.assert_allclose(memory.output[0].u, 10 + 10 * risen, rtol=1e-12)
-        np.testing.assert_allclose(memory.output[0].tau, risen, atol=1e-12)
-        np.testing.assert_array_equal(memory.output[0].tau_r, 20.0)  # joints act at once
+        np.testing.assert_allclose(state.output[0].u, 10 + 10 * risen, rtol=1e-12)
+        np.testing.assert_allclose(state.output[0].tau, risen, atol=1e-12)
+        np.testing.assert_array_equal(state.output[0].tau_r, 20.0)  # joints act at once
 
 
 @pytest.mark.parametrize("delay", [0, 3])
-@pytest.mark.parametrize("haste", [1.0, 2.0, 20.0])
-def test_driven_in_haste_a_lag_is_a_faster_one(delay, haste):
-    """`acts+ = acts + haste b (asked - acts)`; without haste the command is what is asked."""
+@pytest.mark.parametrize("ratio", [1.0, 2.0, 20.0])
+def test_inverted_lag_has_a_higher_bandwidth(delay, ratio):
+    """`output+ = output + ratio b (requested - output)`; with ratio 1 the command is the request."""
     lag = ActuatorLag(bandwidth=jnp.array(8.0), delay=delay)
-    memory, asked = lag.init(command(10.0)), command(20.0, 1.0)
+    state, request = lag.init(command(10.0)), command(20.0, 1.0)
     b = 1 - np.exp(-2 * np.pi * 8.0 * 0.002)
     for k in range(30):
-        sent = lag.invert(memory, asked, jnp.array(haste), DT)
-        if haste == 1.0:
-            jax.tree.map(lambda a, c: np.testing.assert_allclose(a, c, rtol=1e-12), sent, asked)
-        memory = lag.step(memory, sent, DT)
-        left = (1 - min(haste * b, 1.0)) ** max(0, k + 1 - delay)
-        np.testing.assert_allclose(memory.output[0].u, 20 - 10 * left, rtol=1e-10)
+        sent = lag.invert(state, request, jnp.array(ratio), DT)
+        if ratio == 1.0:
+            jax.tree.map(lambda a, c: np.testing.assert_allclose(a, c, rtol=1e-12), sent, request)
+        state = lag.step(state, sent, DT)
+        left = (1 - min(ratio * b, 1.0)) ** max(0, k + 1 - delay)
+        np.testing.assert_allclose(state.output[0].u, 20 - 10 * left, rtol=1e-10)

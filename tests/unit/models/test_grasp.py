@@ -1,4 +1,4 @@
-"""The grasp: virtual work, internal forces, constraint rates, and what is refused."""
+"""Tests of the grasp: virtual work, internal forces, constraint rates, and refusals."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from tests.support import random_teams as teams
 from tests.support.pinocchio_team import PinocchioTeam
 
 STRUCTURES = [structure for structure in teams.POOL if len(structure) > 1]
-wrench, Phi, Phi_dot, grip = (
+wrench, Phi, Phi_dot, min_singular_value = (
     jax.jit(f)
     for f in (grasp.payload_wrench, grasp.constraint_residual, grasp.constraint_rate, grasp.min_delassus_singular_value)
 )
 
 
-def held(structure: tuple, seed: int = 0) -> tuple[Team, State]:
+def grasped_team(structure: tuple, seed: int = 0) -> tuple[Team, State]:
     rng = np.random.default_rng(seed)
     return PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
 
 
 def points(contacts: int, seed: int = 0) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Contacts, an attitude, forces."""
+    """Contact points, an attitude and forces."""
     rng = np.random.default_rng(seed)
     c, lam = rng.normal(size=(2, contacts, 3))
     return jnp.array(c), jnp.array(Rotation.random(random_state=seed).as_matrix()), jnp.array(lam)
@@ -47,7 +47,7 @@ def test_wrench_is_the_grasp_matrix_times_the_forces(contacts: int) -> None:
 
 
 def test_wrench_does_the_work_of_the_forces() -> None:
-    """`lam . (v + R (omega x c))` summed over contacts is `F . v + tau . omega`: frames of errata row 1."""
+    """`lam . (v + R (omega x c))` summed over contacts is `F . v + tau . omega`: the frames of errata row 1."""
     c, R, lam = (np.asarray(x) for x in points(4))
     v, omega = np.random.default_rng(1).normal(size=(2, 3))
     W = wrench(*(jnp.array(x) for x in (c, R, lam)))
@@ -56,8 +56,8 @@ def test_wrench_does_the_work_of_the_forces() -> None:
 
 
 @pytest.mark.parametrize(("contacts", "rank"), [(1, 3), (2, 5), (3, 6), (4, 6), (8, 6)])
-def test_kernel(contacts: int, rank: int) -> None:
-    """Rank 3, 5, 6, 6 of 1 to 4 contacts (errata row 2); the kernel turns with the payload."""
+def test_grasp_nullspace(contacts: int, rank: int) -> None:
+    """Rank 3, 5, 6, 6 for 1 to 4 contacts (errata row 2); the null space rotates with the payload."""
     c, R, _ = points(contacts)
     Z = grasp.grasp_nullspace(np.asarray(c))
     assert Z.shape == (3 * contacts, 3 * contacts - rank)
@@ -76,13 +76,13 @@ def test_split_and_join(structure: tuple) -> None:
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
-def test_constraint_is_pinocchios_off_the_grasp(structure: tuple) -> None:
+def test_constraint_equals_pinocchio_off_the_grasp(structure: tuple) -> None:
     rng = np.random.default_rng(2)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
-    oracle = PinocchioTeam(team)
-    q, v = oracle.coordinates(z)
-    np.testing.assert_allclose(Phi(team, z), oracle.gap(z), atol=1e-14)
-    np.testing.assert_allclose(Phi_dot(team, z).ravel(), oracle.jacobian(q) @ v, atol=1e-13)
+    model = PinocchioTeam(team)
+    q, v = model.coordinates(z)
+    np.testing.assert_allclose(Phi(team, z), model.constraint_residual(z), atol=1e-14)
+    np.testing.assert_allclose(Phi_dot(team, z).ravel(), model.jacobian(q) @ v, atol=1e-13)
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
@@ -111,32 +111,32 @@ def test_constraint_velocity_is_the_derivative_of_the_constraint(structure: tupl
 
 @pytest.mark.parametrize("structure", teams.POOL)
 def test_condition_is_that_of_the_dense_matrix(structure: tuple) -> None:
-    """`check` returns cond(A M^-1 A^T), and no singular value is below the smallest grip."""
-    team, z = held(structure)
+    """`check_grasp` returns cond(A M^-1 A^T), and no singular value is below the smallest one of the agents."""
+    team, z = grasped_team(structure)
     inputs = tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, t.joints))) for t, n in structure
     )
-    expected = PinocchioTeam(team).accelerate(z, inputs, zero_residual(team))
+    expected = PinocchioTeam(team).solve_kkt(z, inputs, zero_residual(team))
     assert grasp.check_grasp(team, z) == pytest.approx(expected.condition, rel=1e-6)
-    assert float(grip(team, z).min()) <= expected.singular[-1] * (1 + 1e-9)
+    assert float(min_singular_value(team, z).min()) <= expected.singular[-1] * (1 + 1e-9)
 
 
 def crossed(seed: int) -> tuple[Team, State]:
-    """Three arms but two joints, beside a sound agent."""
+    """Three arms with only two joints, beside a regular agent."""
     tree = KinematicTree(parents=(0, 0), prismatic=(False, False), tip_bodies=(0, 1, 2))
-    return held(((tree, 1), (teams.WAIST_TWO_ARMS, 1)), seed)
+    return grasped_team(((tree, 1), (teams.WAIST_TWO_ARMS, 1)), seed)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_redundant_agent_makes_the_team_redundant(seed: int) -> None:
-    """Its own rank deficiency is the team's: the payload cannot move its contacts in a way the agent cannot."""
+def test_rank_deficient_agent_makes_the_team_deficient(seed: int) -> None:
+    """The payload cannot move its contacts in a way that the agent cannot."""
     team, z = crossed(seed)
-    oracle = PinocchioTeam(team)
-    singular = np.linalg.svd(oracle.jacobian(oracle.coordinates(z)[0]), compute_uv=False)
+    model = PinocchioTeam(team)
+    singular = np.linalg.svd(model.jacobian(model.coordinates(z)[0]), compute_uv=False)
     assert singular[-1] < 1e-14 < 1e-4 < singular[-2]
 
 
-def test_redundant_grasp_is_refused_with_numbers_and_name() -> None:
+def test_rank_deficient_grasp_is_refused_with_name() -> None:
     team, z = crossed(0)
     with pytest.raises(
         ValueError, match=r"left: rank 8 of 9, condition .*singular values .*3 distances .* 2 joints"
@@ -146,7 +146,7 @@ def test_redundant_grasp_is_refused_with_numbers_and_name() -> None:
 
 
 def test_singular_pose_is_refused_with_name_and_arms() -> None:
-    """Both arms of the reference agent stretched sideways: they cannot follow a change of their tips' distance."""
+    """Both arms of the reference agent extended sideways cannot change the distance of their tips."""
     team, z = teams.reference_team(), teams.reference_guess()
     r = jnp.array([[0, 1.2, -1.2], [0, np.pi / 2, -np.pi / 2]])
     stretched = dataclasses.replace(z, agents=(dataclasses.replace(z.agents[0], r=r),))
@@ -156,18 +156,18 @@ def test_singular_pose_is_refused_with_name_and_arms() -> None:
     assert "rear" not in str(e.value)
 
 
-def test_grip_vanishes_where_the_grasp_locks_up() -> None:
+def test_smallest_singular_value_vanishes_in_a_singular_pose() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     at = lambda a: dataclasses.replace(  # noqa: E731
         z, agents=(dataclasses.replace(z.agents[0], r=jnp.array([[0, 1.2, -1.2], [0, a, -a]])),)
     )
-    values = np.array([np.asarray(grip(team, at(a))) for a in (1.2, 1.4, 1.5, 1.55, np.pi / 2)])
+    values = np.array([np.asarray(min_singular_value(team, at(a))) for a in (1.2, 1.4, 1.5, 1.55, np.pi / 2)])
     np.testing.assert_allclose(values[:, 0], values[0, 0], rtol=1e-12)
     assert (np.diff(values[:, 1]) < 0).all()
     assert values[-1, 1] < 1e-14
 
 
-def test_what_control_needs() -> None:
+def test_controllability_requirements() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     grasp.check_controllability(team, z)
     down = dataclasses.replace(z, agents=(dataclasses.replace(z.agents[0], r=jnp.zeros((2, 3))),))
@@ -180,7 +180,7 @@ def test_what_control_needs() -> None:
         grasp.check_controllability(dataclasses.replace(team, agent_groups=(line,)), z, ("rear", "front"))
     with pytest.raises(ValueError, match=r"2 joints for 2 arms .* 5 of 6; .* only with 3 joints or more"):
         grasp.check_controllability(
-            *held(((KinematicTree(parents=(0, 0), prismatic=(False, False), tip_bodies=(1, 2)), 2),))
+            *grasped_team(((KinematicTree(parents=(0, 0), prismatic=(False, False), tip_bodies=(1, 2)), 2),))
         )
 
 

@@ -1,4 +1,4 @@
-"""Parameters: what is refused, and what a compilation depends on."""
+"""Tests of parameters: refusals, and what a compilation depends on."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_payload_is_checked() -> None:
         validation.validate_team(dataclasses.replace(team, payload=heavy))
 
 
-def test_numbers_do_not_recompile_but_structure_does() -> None:
+def test_only_structure_changes_recompile() -> None:
     traces = 0
 
     @jax.jit
@@ -111,6 +111,6 @@ def test_ancestors() -> None:
         ((0,), (False,), (2,), r"tip_bodies\[0\] is 2, must be one of bodies 0 to 1"),
     ],
 )
-def test_what_is_no_tree_is_refused(parents, prismatic, tips, message: str) -> None:
+def test_invalid_tree_is_refused(parents, prismatic, tips, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         KinematicTree(parents=parents, prismatic=prismatic, tip_bodies=tips)

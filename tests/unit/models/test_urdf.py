@@ -1,4 +1,4 @@
-"""Agents from URDF: against Pinocchio's own reader on random trees, and every refusal."""
+"""Tests of agents from URDF: against Pinocchio's reader on random trees, and every refusal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def words(values: np.ndarray) -> str:
 
 
 def link(rng: np.random.Generator, name: str, mass: float) -> str:
-    """A link with an inertial about a random point, turned at random; without one where the mass is zero."""
+    """Return a link with an inertial about a random point and attitude, or without one for zero mass."""
     if mass == 0:
         return f'<link name="{name}"/>'
     J = teams.inertia(rng, mass, 0.1)
@@ -43,7 +43,7 @@ def link(rng: np.random.Generator, name: str, mass: float) -> str:
 
 
 def random_urdf(rng: np.random.Generator, links: int) -> tuple[str, list[str]]:
-    """A random tree of links, joints and names in random order, and the links of its tips."""
+    """Return a random tree of links, joints and names in random order, and the links of its tips."""
     names = [f"{letter}{i}" for i, letter in enumerate(rng.permutation(list("abcdefghijklmnop"))[:links])]
     kinds = ["revolute", "continuous", "prismatic", "fixed"]
     parts = [link(rng, names[0], 1.5)]
@@ -66,7 +66,7 @@ def random_urdf(rng: np.random.Generator, links: int) -> tuple[str, list[str]]:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
+def test_mass_matrix_and_tips_equal_pinocchio(seed: int) -> None:
     rng = np.random.default_rng(seed)
     text, tips = random_urdf(rng, int(rng.integers(2, 11)))
     robot = urdf.parse_urdf(text, "r.urdf")
@@ -103,7 +103,7 @@ def test_mass_matrix_and_tips_are_pinocchios(seed: int) -> None:
         np.testing.assert_allclose(found, frame.act(at), atol=1e-9)
 
 
-# What is merged and refused ------------------------------------------------------------------------------------------
+# Merging and refusals ------------------------------------------------------------------------------------------------
 
 TWO_ARMS = """<robot name="two arms">
   <link name="base"><inertial><mass value="1.5"/>
@@ -119,8 +119,8 @@ TWO_ARMS = """<robot name="two arms">
 """
 
 
-def test_fixed_links_are_part_of_the_body_and_axes() -> None:
-    """Fixed links are part of the body and axes are normalized."""
+def test_fixed_links_are_merged_and_axes_normalized() -> None:
+    """Fixed links are merged into their body, and axes are normalized."""
     robot = urdf.parse_urdf(TWO_ARMS, "two.urdf")
     assert (len(robot.bodies), [j.name for j in robot.joints]) == (2, ["shoulder"])
     np.testing.assert_array_equal(robot.joints[0].axis, [1, 0, 0])
@@ -129,7 +129,7 @@ def test_fixed_links_are_part_of_the_body_and_axes() -> None:
     np.testing.assert_allclose(point, [0, 0, -0.4])
 
 
-def test_a_point_mass_may_be_fixed_to_a_body() -> None:
+def test_point_mass_may_be_fixed_to_a_body() -> None:
     heavy = '<link name="tool"><inertial><mass value="0.1"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>'
     robot = urdf.parse_urdf(TWO_ARMS.replace('<link name="tool"/>', heavy + "</inertial></link>"), "two.urdf")
     arm, d = robot.bodies[1], 0.15
@@ -139,7 +139,7 @@ def test_a_point_mass_may_be_fixed_to_a_body() -> None:
     np.testing.assert_allclose(arm.inertia, np.diag([9e-4 + lift, 9e-4 + lift, 1e-5]), atol=1e-18)
 
 
-# A link and what makes it unphysical by itself: the body that it is part of is physical.
+# A link that is unphysical alone, as part of a body that is physical.
 PLACEHOLDERS = [
     '<mass value="0"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" ixy="0" ixz="0" iyz="0"/>',
     '<mass value="1e-6"/><inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/>',
@@ -151,7 +151,7 @@ PLACEHOLDERS = [
 
 @pytest.mark.parametrize("placeholder", PLACEHOLDERS)
 @pytest.mark.parametrize("seed", range(2))
-def test_a_body_is_checked_when_its_links_are_merged(placeholder: str, seed: int) -> None:
+def test_bodies_are_validated_after_merging(placeholder: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     at = f'<origin xyz="{words(0.1 * rng.normal(size=3))}" rpy="{words(rng.uniform(-3, 3, 3))}"/>'
     heavy = f'<link name="tool"><inertial>{at}{placeholder}</inertial></link>'
@@ -165,20 +165,20 @@ def test_a_body_is_checked_when_its_links_are_merged(placeholder: str, seed: int
     np.testing.assert_allclose(body.inertia, expected.inertia, atol=1e-12 * np.abs(expected.inertia).max())
 
 
-def test_links_whose_sum_is_not_physical_are_refused() -> None:
-    """Links whose sum is not physical are refused by all their names."""
+def test_unphysical_merged_links_are_refused() -> None:
+    """Links whose merged inertia is not physical are refused with all their names."""
     flat = '<mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="9" ixy="0" ixz="0" iyz="0"/>'
     text = TWO_ARMS.replace('<link name="tool"/>', f'<link name="tool"><inertial>{flat}</inertial></link>')
-    told = r"^two\.urdf:4: link 'arm' with the links fixed to it \(tool\): inertia violates the triangle inequality"
-    with pytest.raises(ValueError, match=told):
+    reported = r"^two\.urdf:4: link 'arm' with the links fixed to it \(tool\): inertia violates the triangle inequality"
+    with pytest.raises(ValueError, match=reported):
         urdf.parse_urdf(text, "two.urdf")
 
 
-# Joints that follow another -------------------------------------------------------------------------------------------
+# Mimic joints ---------------------------------------------------------------------------------------------------------
 
 
-def with_followers(rng: np.random.Generator, links: int) -> tuple[str, dict[str, tuple[str, float, float]]]:
-    """A random tree in which about half of the joints follow another, without a circle."""
+def with_mimic_joints(rng: np.random.Generator, links: int) -> tuple[str, dict[str, tuple[str, float, float]]]:
+    """Return a random tree in which about half of the joints mimic another, without a cycle."""
     text, _ = random_urdf(rng, links)
     moving = re.findall(r'<joint name="([^"]*)" type="(?!fixed)', text)
     follows = {}
@@ -192,9 +192,9 @@ def with_followers(rng: np.random.Generator, links: int) -> tuple[str, dict[str,
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_frozen_joints_are_pinocchios_reduced_model(seed: int) -> None:
+def test_frozen_joints_equal_pinocchio_reduced_model(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    text, follows = with_followers(rng, 9)
+    text, follows = with_mimic_joints(rng, 9)
     full = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     moving = [name for name in full.names if name not in ("universe", "root_joint")]
     rest = {name: float(rng.uniform(-1, 1)) for name in moving if name not in follows}
@@ -202,7 +202,7 @@ def test_frozen_joints_are_pinocchios_reduced_model(seed: int) -> None:
     assert {joint.name for joint in robot.joints} == set(moving) - set(follows)
 
     held = dict(rest)
-    for name, (followed, multiplier, offset) in follows.items():  # what is followed comes first
+    for name, (followed, multiplier, offset) in follows.items():  # the mimicked joint comes first
         held[name] = multiplier * held[followed] + offset
     q = pin.neutral(full)
     for name in follows:
@@ -222,8 +222,8 @@ def test_frozen_joints_are_pinocchios_reduced_model(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_independent_joints_are_as_if_they_followed_none(seed: int) -> None:
-    text, follows = with_followers(np.random.default_rng(seed), 9)
+def test_independent_mode_ignores_mimic_tags(seed: int) -> None:
+    text, follows = with_mimic_joints(np.random.default_rng(seed), 9)
     free = urdf.parse_urdf(re.sub("<mimic [^>]*/>", "", text), "r.urdf")
     found = urdf.parse_urdf(text, "r.urdf", "independent")
     assert set(follows) <= {joint.name for joint in found.joints}
@@ -240,13 +240,13 @@ CIRCLES = [
 
 
 @pytest.mark.parametrize(("followed", "answer"), CIRCLES)
-def test_a_joint_follows_another_that_there_is(followed: str, answer: str) -> None:
+def test_mimicked_joint_must_exist(followed: str, answer: str) -> None:
     text = TWO_ARMS.replace("<limit", f'<mimic joint="{followed}"/><limit')
     with pytest.raises(ValueError, match=rf"^two\.urdf:9: {answer}"):
         urdf.parse_urdf(text, "two.urdf", "frozen")
 
 
-def test_a_fixed_joint_follows_none() -> None:
+def test_fixed_joint_cannot_mimic() -> None:
     text = TWO_ARMS.replace("<limit", '<mimic joint="wrist" multiplier="5" offset="0.5"/><limit')
     text = text.replace(
         '<joint name="wrist" type="fixed">', '<joint name="wrist" type="fixed"><mimic joint="shoulder"/>'
@@ -305,16 +305,16 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("written", "instead", "answer"), REFUSED)
-def test_what_is_refused_is_told_with_its_line(written: str, instead: str, answer: str) -> None:
-    assert written in TWO_ARMS
+@pytest.mark.parametrize(("original", "replacement", "answer"), REFUSED)
+def test_errors_state_the_line(original: str, replacement: str, answer: str) -> None:
+    assert original in TWO_ARMS
     with pytest.raises(ValueError, match=r"^two\.urdf:\d+: ") as e:
-        urdf.parse_urdf(TWO_ARMS.replace(written, instead, 1), "two.urdf")
+        urdf.parse_urdf(TWO_ARMS.replace(original, replacement, 1), "two.urdf")
     assert re.search(answer, str(e.value)), e.value
     assert "\n" not in str(e.value)
 
 
-def test_a_moving_body_without_inertia_and_a_cycle() -> None:
+def test_massless_body_and_cycle_are_refused() -> None:
     """A moving body without inertia and a cycle without a root are refused."""
     bare = re.sub("<link name=.arm.>.*?</link>", '<link name="arm"/>', TWO_ARMS, flags=re.DOTALL)
     with pytest.raises(ValueError, match=r"link 'arm' has no <inertial>, nor do the links fixed to it: tool"):
@@ -336,12 +336,12 @@ def test_a_moving_body_without_inertia_and_a_cycle() -> None:
         ("tool", [0.0, 0.0, 0.0], np.nan, r"thrust_max nan N is not positive and finite"),
     ],
 )
-def test_an_agent_has_tips_contacts_and_a_thrust_that_can_be(tip, contact, thrust: float, answer: str) -> None:
+def test_tips_contacts_and_thrust_are_validated(tip, contact, thrust: float, answer: str) -> None:
     with pytest.raises(ValueError, match=rf"^two\.urdf: {answer}"):
         urdf.make_agent(urdf.parse_urdf(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
 
 
-def test_a_file_without_end_or_of_no_known_encoding_is_refused() -> None:
+def test_too_large_or_undecodable_file_is_refused() -> None:
     with pytest.raises(ValueError, match=r"^/dev/zero:1: the file is larger than 16 MiB"):
         urdf.load_urdf("/dev/zero")
     for encoding in ("nothing", "utf-7", "big5", "utf-16"):
@@ -351,7 +351,7 @@ def test_a_file_without_end_or_of_no_known_encoding_is_refused() -> None:
         urdf.parse_urdf('<robot name="\ud800"/>', "r.urdf")
 
 
-def test_tips_are_links_and_as_many_as_contacts() -> None:
+def test_tips_must_be_links_and_match_contacts() -> None:
     robot = urdf.parse_urdf(TWO_ARMS, "two.urdf")
     with pytest.raises(ValueError, match=r"two\.urdf: tip 'tol' is not a link; links: base, arm, tool"):
         urdf.make_agent(robot, ["tol"], [[0.0, 0.0, 0.0]], 50.0)
@@ -359,7 +359,7 @@ def test_tips_are_links_and_as_many_as_contacts() -> None:
         urdf.make_agent(robot, ["tool"], [[0.0, 0.0, 0.0]] * 2, 50.0)
 
 
-# In scenario files ----------------------------------------------------------------------------------------------------
+# Scenario files -------------------------------------------------------------------------------------------------------
 
 SAMPLE = (Path(__file__).parents[2] / "support" / "sample_scenario.yaml").read_text(encoding="utf-8")
 NUMBERS = SAMPLE[SAMPLE.index("  two_arms:") : SAMPLE.index("agents:\n")]
@@ -388,7 +388,7 @@ SAME = f"""<robot name="two arms">
 
 
 @pytest.fixture
-def written(tmp_path: Path) -> Path:
+def scenario_file(tmp_path: Path) -> Path:
     """A scenario whose agent type is read from a URDF file beside it."""
     (tmp_path / "vehicles").mkdir()
     (tmp_path / "vehicles" / "two.urdf").write_text(SAME, encoding="utf-8")
@@ -398,8 +398,8 @@ def written(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_scenario_from_urdf_is_the_one_in_plain_numbers(written: Path) -> None:
-    settings, plain = scenario.load_scenario(written), scenario.parse(SAMPLE, "sample.yaml")
+def test_scenario_from_urdf_equals_explicit_numbers(scenario_file: Path) -> None:
+    settings, plain = scenario.load_scenario(scenario_file), scenario.parse(SAMPLE, "sample.yaml")
     for ours, expected in zip(team.team(settings), team.team(plain), strict=True):
         assert jax.tree.structure(ours) == jax.tree.structure(expected)
         for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(expected), strict=True):
@@ -410,16 +410,18 @@ def test_a_scenario_from_urdf_is_the_one_in_plain_numbers(written: Path) -> None
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_scenario_and_python_read_one_agent_alike(seed: int, written: Path) -> None:
+def test_scenario_and_python_read_equal_agents(seed: int, scenario_file: Path) -> None:
     rng = np.random.default_rng(seed)
     text, tips = random_urdf(rng, 8)
-    text = re.sub("joint (\\d)", "joint-\\1", text)  # a scenario's names hold no blanks
-    (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
-    told = written.read_text(encoding="utf-8")
+    text = re.sub("joint (\\d)", "joint-\\1", text)  # names in a scenario contain no blanks
+    (scenario_file.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
+    reported = scenario_file.read_text(encoding="utf-8")
     kind = FROM_URDF.replace("left_hand, {link: right, name: right", f"{tips[0]}, {{link: {tips[1]}, name: right")
-    told = told.replace(FROM_URDF, re.sub("    nominal_position.*\n", "", kind)).replace("/left_hand", f"/{tips[0]}")
-    truth, _ = team.team(scenario.parse(told, str(written)))
-    robot = urdf.load_urdf(written.parent / "vehicles" / "two.urdf")
+    reported = reported.replace(FROM_URDF, re.sub("    nominal_position.*\n", "", kind)).replace(
+        "/left_hand", f"/{tips[0]}"
+    )
+    truth, _ = team.team(scenario.parse(reported, str(scenario_file)))
+    robot = urdf.load_urdf(scenario_file.parent / "vehicles" / "two.urdf")
     agent = urdf.make_agent(
         robot, [tips[0], (tips[1], [0.0, 0.0, -0.3])], np.asarray(truth.agent_groups[0].contact_position[1]), 50.0
     )
@@ -451,31 +453,31 @@ WRONG_ENTRY = [
 
 
 @pytest.mark.parametrize(("given", "instead", "answer"), WRONG_ENTRY)
-def test_mistakes_in_an_entry_are_told_with_their_place(given: str, instead: str, answer: str, written: Path) -> None:
-    text = written.read_text(encoding="utf-8")
+def test_errors_of_an_entry_state_their_place(given: str, instead: str, answer: str, scenario_file: Path) -> None:
+    text = scenario_file.read_text(encoding="utf-8")
     assert given in text
     with pytest.raises(ScenarioError) as refused:
-        scenario.parse(text.replace(given, instead, 1), str(written))
+        scenario.parse(text.replace(given, instead, 1), str(scenario_file))
     lines = str(refused.value).splitlines()
     assert any(answer in line for line in lines), lines
-    assert all(re.match(rf"{written}:\d+: \S", line) for line in lines)
-    assert not any("two_arms.base" in line for line in lines), "what the file would say is not missing"
+    assert all(re.match(rf"{scenario_file}:\d+: \S", line) for line in lines)
+    assert not any("two_arms.base" in line for line in lines), "no further error of settings that the file would state"
 
 
-def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) -> None:
+def test_scenario_selects_the_mode_of_mimic_joints(scenario_file: Path) -> None:
     text = SAME.replace('<child link="right"/>', '<child link="right"/><mimic joint="left" multiplier="-1"/>')
-    (written.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
-    told = written.read_text(encoding="utf-8")
+    (scenario_file.parent / "vehicles" / "two.urdf").write_text(text, encoding="utf-8")
+    reported = scenario_file.read_text(encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"two_arms\.urdf: .*two\.urdf:\d+: joint 'right' depends on another joint"):
-        scenario.load_scenario(written)
+        scenario.load_scenario(scenario_file)
     with pytest.raises(
         ScenarioError, match="mimic_joints: must be one of frozen, independent, got 'forzen'; did you mean 'frozen'"
     ):
-        scenario.parse(told.replace("    tips:", "    mimic_joints: forzen\n    tips:"), str(written))
-    free = scenario.parse(told.replace("    tips:", "    mimic_joints: independent\n    tips:"), str(written))
+        scenario.parse(reported.replace("    tips:", "    mimic_joints: forzen\n    tips:"), str(scenario_file))
+    free = scenario.parse(reported.replace("    tips:", "    mimic_joints: independent\n    tips:"), str(scenario_file))
     assert team.joint_names(free)[:3] == ("front/waist", "front/left", "front/right")
-    frozen = told.replace("    tips:", "    mimic_joints: frozen\n    tips:").replace(", right: -1.2}", "}")
-    (kind,) = scenario.parse(frozen, str(written)).agent_types.values()
+    frozen = reported.replace("    tips:", "    mimic_joints: frozen\n    tips:").replace(", right: -1.2}", "}")
+    (kind,) = scenario.parse(frozen, str(scenario_file)).agent_types.values()
     assert [joint.name for joint in kind.joints] == ["waist", "left"]
     hand = next(arm for arm in kind.arms if arm.name == "right")
     # held at -1.2 rad about x, where `left` rests at 1.2
@@ -484,7 +486,7 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
 
 
 @pytest.mark.parametrize(
-    ("given", "instead", "answer"),
+    ("original", "replacement", "answer"),
     [
         ('value="1.5"', 'value="9e9"', "urdf: vehicles/two.urdf: base.mass_kg [kg]: must be from 1e-6 to 100000"),
         ('value="1.5"', 'value="-1.5"', "two.urdf:2: link 'base': mass -1.5 kg is negative"),
@@ -492,22 +494,22 @@ def test_a_scenario_chooses_what_becomes_of_joints_that_follow(written: Path) ->
         ('"left_hand"', '"left/hand"', "'left/hand' cannot name an arm: give the tip a `name`"),
     ],
 )
-def test_mistakes_in_the_urdf_file_are_told_beside_the_others(
-    given: str, instead: str, answer: str, written: Path
+def test_urdf_errors_are_reported_with_scenario_errors(
+    original: str, replacement: str, answer: str, scenario_file: Path
 ) -> None:
-    (written.parent / "vehicles" / "two.urdf").write_text(SAME.replace(given, instead), encoding="utf-8")
-    text = written.read_text(encoding="utf-8").replace(
-        "left_hand,", f"{instead.strip(chr(34))}," * ("/" in instead) or "left_hand,"
+    (scenario_file.parent / "vehicles" / "two.urdf").write_text(SAME.replace(original, replacement), encoding="utf-8")
+    text = scenario_file.read_text(encoding="utf-8").replace(
+        "left_hand,", f"{replacement.strip(chr(34))}," * ("/" in replacement) or "left_hand,"
     )
     with pytest.raises(ScenarioError) as refused:
-        scenario.parse(text.replace("K_p: 5", "K_p: -5"), str(written))
+        scenario.parse(text.replace("K_p: 5", "K_p: -5"), str(scenario_file))
     first, second = str(refused.value).splitlines()
     assert "agent_types.two_arms." in first
     assert answer in first
     assert "control.K_p" in second
 
 
-# Written -------------------------------------------------------------------------------------------------------------
+# Export --------------------------------------------------------------------------------------------------------------
 
 
 def named(agent: AerialManipulator) -> tuple[list[str], list[str]]:
@@ -515,8 +517,8 @@ def named(agent: AerialManipulator) -> tuple[list[str], list[str]]:
 
 
 @pytest.mark.parametrize("tree", range(len(teams.TREES)))
-def test_what_is_written_reads_back_to_the_same_agent(tree: int) -> None:
-    """Joints in the order of the file, which is depth-first; their names say which is which."""
+def test_urdf_round_trip(tree: int) -> None:
+    """Joints are in the depth-first order of the file and are identified by name."""
     agent = teams.agent(np.random.default_rng(tree), teams.TREES[tree])
     joints, arms = named(agent)
     robot = urdf.parse_urdf(urdf.to_urdf("one", agent, joints, arms), "one.urdf")
@@ -538,8 +540,8 @@ def test_what_is_written_reads_back_to_the_same_agent(tree: int) -> None:
 
 
 @pytest.mark.parametrize("tree", range(len(teams.TREES)))
-def test_pinocchio_reads_what_is_written_as_the_agent(tree: int) -> None:
-    """Its mass matrix, centre of mass and tips against those of the same numbers put in without a file."""
+def test_pinocchio_reads_the_written_agent(tree: int) -> None:
+    """Mass matrix, center of mass and tips equal those of the same numbers without a file."""
     rng = np.random.default_rng(tree)
     agent = teams.agent(rng, teams.TREES[tree])
     joints, arms = named(agent)
@@ -572,14 +574,14 @@ def test_pinocchio_reads_what_is_written_as_the_agent(tree: int) -> None:
 @given(
     st.floats(-3.2, 3.2), st.floats(-1, 1), st.floats(-3.2, 3.2), st.sampled_from([0.0, 1e-16, 1e-12, 1e-8, 1e-3, 1.0])
 )
-def test_roll_pitch_yaw_give_the_rotation_back(roll: float, lean: float, yaw: float, by: float) -> None:
-    """Also near the upright pitch, where roll and yaw are one angle."""
+def test_roll_pitch_yaw_round_trip(roll: float, lean: float, yaw: float, by: float) -> None:
+    """Also near vertical pitch, where roll and yaw describe the same rotation."""
     R = Rotation.from_euler("ZYX", [yaw, np.pi / 2 - lean * by, roll]).as_matrix()
     back = Rotation.from_euler("xyz", urdf.rpy(R)).as_matrix()
     np.testing.assert_allclose(back, R, atol=5e-16 * 4)
 
 
-def test_a_wrong_number_of_names_is_refused() -> None:
+def test_wrong_number_of_names_is_refused() -> None:
     agent = teams.agent(np.random.default_rng(0), teams.CHAIN)
     with pytest.raises(ValueError, match="one: 2 names for 3 joints, 1 for 1 arms"):
         urdf.to_urdf("one", agent, ["a", "b"], ["c"])

@@ -1,4 +1,4 @@
-"""Allocation: the wrench whatever the internal force (Lemma wrench_consistency), and what is refused."""
+"""Tests of allocation: the wrench is independent of internal forces (Lemma wrench_consistency), and refusals."""
 
 import jax
 import jax.numpy as jnp
@@ -18,13 +18,15 @@ apply = jax.jit(allocation.allocate)
 
 
 def dense_G(c: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """The grasp matrix column by column: what a unit force at one contact does, moment in the payload frame."""
+    """Return the grasp matrix column by column: the effect of a unit force at one contact, moment in the payload
+    frame.
+    """
     columns = [np.concatenate([e, np.cross(point, R.T @ e)]) for point in c for e in np.eye(3)]
     return np.array(columns).T
 
 
 def contacts(rng: np.random.Generator, count: int) -> np.ndarray:
-    """Random contacts a metre or so apart; three or more are never nearly collinear."""
+    """Random contacts about a meter apart; three or more are never nearly collinear."""
     while True:
         c = rng.uniform(-1, 1, (count, 3))
         if count < 3 or np.linalg.svd(c - c.mean(0), compute_uv=False)[1] > 0.2:
@@ -32,7 +34,7 @@ def contacts(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def strategy(rng: np.random.Generator, kind: str) -> tuple[np.ndarray, allocation.AllocationMap, list[int]]:
-    """Random contacts and an allocation over them; the rows that carry the wrench."""
+    """Random contacts with an allocation, and the rows that carry the wrench."""
     if kind == "balanced":
         c = contacts(rng, int(rng.integers(3, 7)))
         return c, allocation.least_squares_allocation(c), list(range(len(c)))
@@ -43,19 +45,19 @@ def strategy(rng: np.random.Generator, kind: str) -> tuple[np.ndarray, allocatio
     return c[shuffled], allocation.leader_follower_allocation(c[shuffled], chosen), chosen
 
 
-def draw(rng: np.random.Generator, plan: allocation.AllocationMap) -> tuple[np.ndarray, Wrench, np.ndarray]:
+def draw(rng: np.random.Generator, experiment: allocation.AllocationMap) -> tuple[np.ndarray, Wrench, np.ndarray]:
     """A random attitude, wrench and internal-force input."""
     W = Wrench(F=jnp.array(10 * rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
-    return Rotation.random(random_state=rng).as_matrix(), W, 5 * rng.normal(size=plan.nullspace.shape[1])
+    return Rotation.random(random_state=rng).as_matrix(), W, 5 * rng.normal(size=experiment.nullspace.shape[1])
 
 
 @pytest.mark.parametrize("kind", ["balanced", "leader_follower"])
 @given(seed=seeds)
-def test_commanded_forces_give_the_wrench_whatever_eta(kind, seed):
+def test_wrench_is_independent_of_internal_forces(kind, seed):
     rng = np.random.default_rng(seed)
-    c, plan, _ = strategy(rng, kind)
-    R, W, eta = draw(rng, plan)
-    lam = apply(plan, jnp.array(R), W, jnp.array(eta))
+    c, experiment, _ = strategy(rng, kind)
+    R, W, eta = draw(rng, experiment)
+    lam = apply(experiment, jnp.array(R), W, jnp.array(eta))
     scale = max(1.0, np.abs(lam).max())
     np.testing.assert_allclose(dense_G(c, R) @ np.ravel(lam), [*W.F, *W.tau], atol=1e-12 * scale)
     again = grasp.payload_wrench(jnp.array(c), jnp.array(R), lam)
@@ -63,23 +65,23 @@ def test_commanded_forces_give_the_wrench_whatever_eta(kind, seed):
 
 
 @given(seed=seeds)
-def test_the_balanced_allocation_is_least_squares(seed):
+def test_least_squares_allocation_has_minimal_norm(seed):
     rng = np.random.default_rng(seed)
-    c, plan, _ = strategy(rng, "balanced")
-    R, W, _ = draw(rng, plan)
-    lam = apply(plan, jnp.array(R), W, jnp.zeros(plan.nullspace.shape[1]))
-    # G depends on R, but |lam| does not: the pseudo-inverse at R is that at I, turned
+    c, experiment, _ = strategy(rng, "balanced")
+    R, W, _ = draw(rng, experiment)
+    lam = apply(experiment, jnp.array(R), W, jnp.zeros(experiment.nullspace.shape[1]))
+    # G depends on R, but |lam| does not: the pseudo-inverse at R is that at I, rotated
     expected = np.linalg.pinv(dense_G(c, R)) @ np.array([*W.F, *W.tau])
     np.testing.assert_allclose(np.ravel(lam), expected, atol=1e-11 * max(1.0, np.abs(expected).max()))
 
 
 @pytest.mark.parametrize("kind", ["balanced", "leader_follower"])
 @given(seed=seeds)
-def test_the_kernel_is_an_orthonormal_basis_of_the_internal(kind, seed):
-    """The kernel is an orthonormal basis of the internal forces."""
+def test_nullspace_is_an_orthonormal_basis(kind, seed):
+    """The null space is an orthonormal basis of the internal forces."""
     rng = np.random.default_rng(seed)
-    c, plan, carriers = strategy(rng, kind)
-    Z = np.asarray(plan.nullspace)
+    c, experiment, carriers = strategy(rng, kind)
+    Z = np.asarray(experiment.nullspace)
     free = c if kind == "balanced" else c[[i for i in range(len(c)) if i not in carriers]]
     assert Z.shape[1] == 3 * len(free) - np.linalg.matrix_rank(dense_G(free, np.eye(3)), tol=1e-9)
     np.testing.assert_allclose(Z.T @ Z, np.eye(Z.shape[1]), atol=1e-12)
@@ -89,35 +91,35 @@ def test_the_kernel_is_an_orthonormal_basis_of_the_internal(kind, seed):
 
 
 @given(seed=seeds)
-def test_only_leaders_carry_the_wrench_in_the_paper_s_split(seed):
+def test_only_leaders_carry_the_wrench(seed):
     rng = np.random.default_rng(seed)
-    c, plan, leaders = strategy(rng, "leader_follower")
-    R, W, eta = draw(rng, plan)
-    lam = np.asarray(apply(plan, jnp.array(R), W, jnp.array(eta)))
-    quiet = np.asarray(apply(plan, jnp.array(R), W, jnp.zeros(len(eta))))
+    c, experiment, leaders = strategy(rng, "leader_follower")
+    R, W, eta = draw(rng, experiment)
+    lam = np.asarray(apply(experiment, jnp.array(R), W, jnp.array(eta)))
+    quiet = np.asarray(apply(experiment, jnp.array(R), W, jnp.zeros(len(eta))))
     followers = [i for i in range(len(c)) if i not in leaders]
     np.testing.assert_allclose(lam[leaders], quiet[leaders], atol=1e-12)
     assert not quiet[followers].any()
 
 
 @given(seed=seeds)
-def test_internal_recovers_the_eta_of_an_internal_force(seed):
+def test_coordinates_of_an_internal_force_are_recovered(seed):
     rng = np.random.default_rng(seed)
-    c, plan, _ = strategy(rng, "balanced")
+    c, experiment, _ = strategy(rng, "balanced")
     pairs = [(0, 1, rng.normal()), (1, 2, rng.normal()), (0, 2, 1.0)]
     lam = allocation.squeeze(c, pairs)
     np.testing.assert_allclose(dense_G(c, np.eye(3)) @ lam.ravel(), 0, atol=1e-12)
-    eta = allocation.internal_force_coordinates(plan, lam)
-    np.testing.assert_allclose(np.asarray(plan.nullspace) @ eta, lam.ravel(), atol=1e-12)
+    eta = allocation.internal_force_coordinates(experiment, lam)
+    np.testing.assert_allclose(np.asarray(experiment.nullspace) @ eta, lam.ravel(), atol=1e-12)
 
 
-def test_a_squeeze_presses_contacts_together():
+def test_squeeze_force_presses_contacts_together():
     lam = allocation.squeeze(SQUARE, [(0, 2, 1.5)])
     np.testing.assert_allclose(lam[[0, 2]], [[-1.5, 0, 0], [1.5, 0, 0]])
     assert not lam[[1, 3]].any()
 
 
-def test_a_leader_block_that_cannot_carry_every_wrench():
+def test_leader_block_without_full_rank_is_refused():
     """A leader block that cannot carry every wrench is refused with its rank."""
     for leaders, rank in (([0], 3), ([0, 3], 5)):
         with pytest.raises(ValueError, match=rf"leader block \(contacts .*rank {rank}.*rank 6"):
@@ -135,33 +137,33 @@ def test_leaders_must_exist_and_be_named_once(leaders):
         allocation.leader_follower_allocation(SQUARE, leaders)
 
 
-def test_on_two_agents_with_two_arms_the_paper_s_split_leaves():
-    """On two agents with two arms the paper is split leaves no internal force and says so."""
-    plan = allocation.leader_follower_allocation(SQUARE, [0, 1, 2])
-    assert plan.nullspace.shape == (12, 0)
+def test_leader_follower_split_without_internal_force():
+    """On two agents with two arms the paper's split leaves no internal force, which the error states."""
+    experiment = allocation.leader_follower_allocation(SQUARE, [0, 1, 2])
+    assert experiment.nullspace.shape == (12, 0)
     with pytest.raises(ValueError, match=r"no internal force.*; use three or more follower contacts"):
-        allocation.internal_force_coordinates(plan, allocation.squeeze(SQUARE, [(0, 2, 1.0)]))
+        allocation.internal_force_coordinates(experiment, allocation.squeeze(SQUARE, [(0, 2, 1.0)]))
 
 
-def test_an_internal_force_outside_the_kernel_is_refused():
-    """An internal force outside the kernel is refused with its size."""
-    plan = allocation.leader_follower_allocation(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [0, 1, 2])
+def test_force_outside_the_nullspace_is_refused():
+    """An internal force outside the null space is refused with its size."""
+    experiment = allocation.leader_follower_allocation(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [0, 1, 2])
     with pytest.raises(ValueError, match=r"outside the null space of the allocation \(by up to 1 N\)"):
         allocation.internal_force_coordinates(
-            plan, allocation.squeeze(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [(0, 2, 1.0)])
+            experiment, allocation.squeeze(np.concatenate([SQUARE[:3], -SQUARE[:3]]), [(0, 2, 1.0)])
         )
     with pytest.raises(ValueError, match="outside the null space of the allocation"):
         allocation.internal_force_coordinates(allocation.least_squares_allocation(SQUARE), np.ones((4, 3)))
 
 
-def test_lam_f0_is_a_force_of_the_followers_and_must_be_internal():
+def test_follower_offset_must_be_internal():
     c = np.concatenate([SQUARE[:3], -SQUARE[:3]])
     lam_f0 = allocation.squeeze(-SQUARE[:3], [(0, 1, 2.0), (1, 2, -0.7)])
-    plan = allocation.leader_follower_allocation(c, [0, 1, 2], lam_f0)
+    experiment = allocation.leader_follower_allocation(c, [0, 1, 2], lam_f0)
     W = Wrench(F=jnp.array([1.0, 2, 3]), tau=jnp.array([0.1, 0.2, 0.3]))
-    eta = jnp.zeros(plan.nullspace.shape[1])
+    eta = jnp.zeros(experiment.nullspace.shape[1])
     R = Rotation.from_euler("xyz", [0.3, -0.4, 0.5]).as_matrix()
-    lam = np.asarray(apply(plan, jnp.array(R), W, eta))
+    lam = np.asarray(apply(experiment, jnp.array(R), W, eta))
     np.testing.assert_allclose(lam[3:], lam_f0 @ R.T, atol=1e-12)
     np.testing.assert_allclose(dense_G(c, R) @ lam.ravel(), [*W.F, *W.tau], atol=1e-12)
     with pytest.raises(ValueError, match="not an internal force: its wrench on the payload is"):

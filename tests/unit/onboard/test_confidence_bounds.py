@@ -1,4 +1,4 @@
-"""Confidence bands: they hold on functions of known norm, and are what their formulas say."""
+"""Tests of confidence bands: they hold for functions of known norm and equal their formulas."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def drawn(rng: np.random.Generator, norm: float) -> gp.GPPosterior:
 def labelled(
     rng: np.random.Generator, norm: float, eps: np.ndarray, n: int = CAPACITY
 ) -> tuple[gp.GPPosterior, gp.GPPosterior]:
-    """A function, and the posterior on labels that err by eps, one way or the other."""
+    """A function, and the posterior for labels with errors of plus or minus eps."""
     f, X = drawn(rng, norm), rng.uniform(-2, 2, (n, INPUTS))
     Y = np.asarray(means(f, jnp.asarray(X))) + eps * rng.choice([-1.0, 1.0], (n, OUTPUTS))
     return f, gp.condition(X, Y, hyper(), CAPACITY)
@@ -48,12 +48,12 @@ def labelled(
 def stated(
     bound: str = "energy", norm: float = 2.0, eps: float = 0.1, **other: object
 ) -> confidence_bounds.BoundAssumptions:
-    given = {"bound": bound, "confidence": 0.95, "rkhs_norm": norm, "payload": np.full(6, eps)}
-    return confidence_bounds.BoundAssumptions(**(given | {"agents": (np.full((2, 9), eps),)} | other))
+    options = {"bound": bound, "confidence": 0.95, "rkhs_norm": norm, "payload": np.full(6, eps)}
+    return confidence_bounds.BoundAssumptions(**(options | {"agents": (np.full((2, 9), eps),)} | other))
 
 
-def oracle(payload: gp.GPPosterior, seed: int = 0, n: int = 10) -> residual_model.ResidualModel:
-    """An oracle with that payload model, and a group of two agents whose labels are noise."""
+def model_with(payload: gp.GPPosterior, seed: int = 0, n: int = 10) -> residual_model.ResidualModel:
+    """Return a residual model with that payload model, and a group of two agents whose labels are noise."""
     rng = np.random.default_rng(seed)
     agents = [gp.condition(rng.normal(size=(n, 24)), rng.normal(size=(n, 9)), hyper(9, 24), CAPACITY) for _ in range(2)]
     return residual_model.ResidualModel(
@@ -61,12 +61,12 @@ def oracle(payload: gp.GPPosterior, seed: int = 0, n: int = 10) -> residual_mode
     )
 
 
-# They hold ------------------------------------------------------------------------------------------------------------
+# Validity -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("bound", confidence_bounds.ONLINE_BOUNDS)
-def test_the_error_of_a_model_is_within_the_radius_wherever(bound):
-    """Noise at the limit of what is assumed; the model's own noise variance is far too small."""
+def test_model_error_is_within_the_bound(bound):
+    """Noise at its assumed limit; the model's own noise variance is much too small."""
     closest = 0.0
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -78,11 +78,11 @@ def test_the_error_of_a_model_is_within_the_radius_wherever(bound):
         error = np.abs(means(f, jnp.asarray(X_TEST)) - means(model, jnp.asarray(X_TEST)))
         assert (error <= radius).all()
         closest = max(closest, float((error / radius).max()))
-    assert closest > {"energy": 0.3, "srinivas": 1e-4}.get(bound, 0.08)  # the errors are of the size of what they test
+    assert closest > {"energy": 0.3, "srinivas": 1e-4}.get(bound, 0.08)  # the errors have the magnitude of the bound
 
 
-def test_a_norm_or_label_error_that_is_stated_too_small_is_found():
-    """The check above can fail: with a third of the norm and a tenth of the error no radius holds."""
+def test_too_small_norm_or_label_error_is_detected():
+    """The test above can fail: with a third of the norm and a tenth of the label error no bound holds."""
     wrong = 0
     for seed in range(12):
         rng = np.random.default_rng(seed)
@@ -96,8 +96,8 @@ def test_a_norm_or_label_error_that_is_stated_too_small_is_found():
     assert wrong > 12
 
 
-def test_a_companion_is_tighter_than_the_model_whose_noise():
-    """A companion is tighter than the model whose noise is fitted."""
+def test_companion_posterior_is_tighter():
+    """The companion posterior gives a tighter bound than the model with fitted noise."""
     rng = np.random.default_rng(5)
     eps = np.full(OUTPUTS, 0.2)
     _, model = labelled(rng, 2.0, eps)
@@ -108,11 +108,11 @@ def test_a_companion_is_tighter_than_the_model_whose_noise():
     assert np.median(tight) < 0.5 * np.median(plain)
 
 
-# They are what their formulas say -------------------------------------------------------------------------------------
+# Formulas -------------------------------------------------------------------------------------------------------------
 
 
 def posterior(model: gp.GPPosterior, i: int, v: float, x: np.ndarray) -> tuple[float, float, np.ndarray, np.ndarray]:
-    """Mean and deviation at x of output i with another noise variance, its Gram matrix and its labels."""
+    """Return mean and standard deviation at x of output i with another noise variance, its Gram matrix and labels."""
     n = int(model.num_points)
     X, y = np.asarray(model.X)[:n] / 3.0, np.asarray(model.Y)[:n, i]
     k = lambda a, b: VARIANCE * np.exp(-0.5 * ((a[:, None] - b[None]) ** 2).sum(-1))  # noqa: E731
@@ -121,12 +121,12 @@ def posterior(model: gp.GPPosterior, i: int, v: float, x: np.ndarray) -> tuple[f
     return k_x @ solved[:, 0], math.sqrt(VARIANCE - k_x @ solved[:, 1]), K, y
 
 
-def test_the_energy_radius_is_its_equation_at_the_noise():
-    """The energy radius is its equation at the noise that evens norm and noise."""
+def test_energy_bound_equals_its_equation():
+    """At the noise variance that balances norm and label error."""
     rng = np.random.default_rng(2)
     eps = rng.uniform(0.1, 0.4, OUTPUTS)
     _, model = labelled(rng, 2.0, eps, n=17)
-    held = confidence_bounds.confidence_bands(oracle(model), stated(payload=eps), 3)
+    held = confidence_bounds.confidence_bands(model_with(model), stated(payload=eps), 3)
     radius = along(model, held.bound_posterior.payload, held.payload_beta, jnp.asarray(X_TEST[:5]))
     for i, k in np.ndindex(OUTPUTS, 5):
         v = 17 * eps[i] ** 2 / 2.0**2
@@ -139,11 +139,11 @@ def test_the_energy_radius_is_its_equation_at_the_noise():
 
 
 @pytest.mark.parametrize("k", [1, 2, 5])
-def test_each_update_body_and_output_has_its_share(k):
-    """Each update body and output has its share of the confidence."""
+def test_confidence_is_split_by_update_body_and_output(k):
+    """Each update, body and output has its share of the confidence."""
     rng = np.random.default_rng(3)
     _, model = labelled(rng, 2.0, np.full(OUTPUTS, 0.1), n=15)
-    full = oracle(model)
+    full = model_with(model)
     held = confidence_bounds.confidence_bands(full, stated("abbasi_yadkori"), k)
 
     def beta(K: np.ndarray, outputs: int) -> float:
@@ -161,20 +161,20 @@ def test_each_update_body_and_output_has_its_share(k):
 
 @given(norm=st.floats(0.1, 10), k=st.integers(1, 4), bound=st.sampled_from(confidence_bounds.ONLINE_BOUNDS))
 @settings(max_examples=15)
-def test_before_any_data_beta_is_the_norm_whatever_the_bound(norm, k, bound):
+def test_beta_without_data_is_the_norm(norm, k, bound):
     empty = gp.prior(hyper(), CAPACITY)
-    held = confidence_bounds.confidence_bands(oracle(empty), stated(bound, norm=norm), k)
+    held = confidence_bounds.confidence_bands(model_with(empty), stated(bound, norm=norm), k)
     np.testing.assert_array_equal(held.payload_beta, norm)
     radius = confidence_bounds.error_radius(empty, held.bound_posterior.payload, held.payload_beta, jnp.zeros(INPUTS))
     np.testing.assert_allclose(radius, norm * math.sqrt(VARIANCE), rtol=1e-12)
 
 
-def test_an_oracle_with_data_is_of_an_update():
-    """An oracle with data is of an update and one without needs none."""
+def test_model_with_data_needs_an_update_index():
+    """A model with data belongs to an update; one without data needs none."""
     _, model = labelled(np.random.default_rng(0), 2.0, np.full(OUTPUTS, 0.1))
     with pytest.raises(ValueError, match="k = 0: must be at least 1"):
-        confidence_bounds.confidence_bands(oracle(model), stated(), 0)
-    empty = oracle(gp.prior(hyper(), CAPACITY))
+        confidence_bounds.confidence_bands(model_with(model), stated(), 0)
+    empty = model_with(gp.prior(hyper(), CAPACITY))
     none = gp.prior(hyper(9, 24), CAPACITY)
     bare = dataclasses.replace(empty, agents=(jax.tree.map(lambda x: jnp.stack([x, x]), none),))
     held = confidence_bounds.confidence_bands(bare, stated(), 0)
@@ -182,10 +182,10 @@ def test_an_oracle_with_data_is_of_an_update():
     assert held.bound_posterior.agents[0] is bare.agents[0]
 
 
-def test_paths_of_samples_give_the_radius_of_each():
+def test_bounds_along_a_path_equal_single_bounds():
     rng = np.random.default_rng(4)
     _, model = labelled(rng, 2.0, np.full(OUTPUTS, 0.1))
-    full = oracle(model)
+    full = model_with(model)
     held = confidence_bounds.confidence_bands(full, stated(norm=9.0, eps=1.5), 1)
     x = rng.normal(size=(3, 24))
     together = confidence_bounds.payload_radius(full, held, jnp.asarray(x))
@@ -206,20 +206,20 @@ def test_paths_of_samples_give_the_radius_of_each():
         )
 
 
-# What they rest on ----------------------------------------------------------------------------------------------------
+# Assumptions ----------------------------------------------------------------------------------------------------------
 
 
-def test_data_that_contradict_what_is_stated_leave_no_radius():
+def test_contradictory_data_have_no_bound():
     rng = np.random.default_rng(6)
     X = rng.uniform(-2, 2, (20, INPUTS))
     model = gp.condition(X, rng.choice([-3.0, 3.0], (20, OUTPUTS)), hyper(), CAPACITY)
-    held = confidence_bounds.confidence_bands(oracle(model), stated(norm=0.5, eps=0.01), 1)
+    held = confidence_bounds.confidence_bands(model_with(model), stated(norm=0.5, eps=0.01), 1)
     assert np.isinf(held.payload_beta).all()
     at_data = confidence_bounds.error_radius(model, held.bound_posterior.payload, held.payload_beta, jnp.asarray(X[0]))
-    assert np.isinf(at_data).all()  # and not NaN, however small the deviation is there
+    assert np.isinf(at_data).all()  # not NaN, also for a vanishing standard deviation
 
 
-def test_what_is_not_met_is_assumed_by_name():
+def test_unsatisfied_assumptions_are_named():
     assert stated().assumed == ("rkhs norm", "bounded noise energy")
     assert stated(satisfied=frozenset({BoundAssumption.RKHS_NORM, BoundAssumption.BOUNDED_NOISE})).assumed == ()
     rig = frozenset(
@@ -243,6 +243,6 @@ def test_what_is_not_met_is_assumed_by_name():
         ({"agents": (np.full((2, 9), np.nan),)}, r"agents\[0\]"),
     ],
 )
-def test_what_nothing_can_rest_on_is_refused(wrong, says):
+def test_invalid_bound_arguments_are_refused(wrong, says):
     with pytest.raises(ValueError, match=says):
         dataclasses.replace(stated(), **wrong)

@@ -1,4 +1,6 @@
-"""What flies: exact realization of contact forces on random teams, against the coupled plant; the attitude."""
+"""Tests of control: exact realization of contact forces on random teams against the coupled plant, and attitude
+setpoints.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +42,7 @@ GAINS = tracking.Gains(
     agent_k_omega=jnp.array(8.0),
     posture_bandwidth=jnp.array(2.0),
 )
-ROUNDING = 1e-7  # joints beyond need are shared out by weights of 1e-4 to 1e2, which costs six digits
+ROUNDING = 1e-7  # redundant joints have weights of 1e-4 to 1e2, which costs six digits
 accelerate = jax.jit(contact_dynamics.forward_dynamics)
 attitude = jax.jit(attitude_module.attitude_from_thrust)
 
@@ -48,14 +50,14 @@ attitude = jax.jit(attitude_module.attitude_from_thrust)
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, None, None, 0, None, None, 0, 0))
 def realize(agent, gains, gravity, q, load, to, share, f):
-    """As the paper has it, its attitude included."""
+    """Agent controller of the paper with its attitude setpoint."""
     turn = attitude_module.thrust_attitude_setpoint(agent, gravity, to, share, f)
     return realization.agent_inputs(agent, gains, gravity, q, load, to, share, f, turn)
 
 
 @dataclasses.dataclass
 class Task:
-    """A team on its grasp, what it is asked for, and the residuals that it knows of."""
+    """A team on its grasp, its setpoints, and the residuals that the controller compensates."""
 
     team: Team
     z: State
@@ -65,7 +67,7 @@ class Task:
 
 
 def task(seed: int, structure: tuple) -> Task:
-    """Random contact forces on a moving team; the payload is commanded to obey them."""
+    """Random contact forces on a moving team, and the payload acceleration that follows from them."""
     rng = np.random.default_rng(seed)
     team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
@@ -90,48 +92,52 @@ def task(seed: int, structure: tuple) -> Task:
     return Task(team=team, z=z, to=to, shares=tuple(shares), f=ResidualForces(agents=tuple(forces), payload=load))
 
 
-def commands(job: Task, gains: tracking.Gains = GAINS) -> tuple:
-    """What `realize` asks of every agent."""
-    team, z = job.team, job.z
+def commands(problem: Task, gains: tracking.Gains = GAINS) -> tuple:
+    """Return the inputs of all agents."""
+    team, z = problem.team, problem.z
     return tuple(
-        realize(group, gains, team.gravity, q, z.payload, job.to, share, f)
-        for group, q, share, f in zip(team.agent_groups, z.agents, job.shares, job.f.agents, strict=True)
+        realize(group, gains, team.gravity, q, z.payload, problem.to, share, f)
+        for group, q, share, f in zip(team.agent_groups, z.agents, problem.shares, problem.f.agents, strict=True)
     )
 
 
-def pushed(job: Task, d: list[np.ndarray]) -> ResidualForces:
-    """The residuals with lateral forces d, two an agent, along the base's own x and y."""
+def with_lateral_forces(problem: Task, d: list[np.ndarray]) -> ResidualForces:
+    """Return the residuals plus lateral forces d along the base's x and y axes, two per agent."""
     agents = tuple(
         dataclasses.replace(f, f_x=f.f_x + jnp.einsum("jik,jk->ji", q.R[:, :, :2], jnp.array(part)))
-        for f, q, part in zip(job.f.agents, job.z.agents, d, strict=True)
+        for f, q, part in zip(problem.f.agents, problem.z.agents, d, strict=True)
     )
-    return dataclasses.replace(job.f, agents=agents)
+    return dataclasses.replace(problem.f, agents=agents)
 
 
-def aligned(job: Task, inputs: tuple) -> tuple[contact_dynamics.Acceleration, np.ndarray, np.ndarray]:
-    """The plant under the lateral forces that its thrusts lack: motion, contact forces, the forces given.
+def solve_aligned(problem: Task, inputs: tuple) -> tuple[contact_dynamics.Acceleration, np.ndarray, np.ndarray]:
+    """Return motion, contact force error and lateral forces that align the thrusts with their attitude setpoints.
 
     An aligned thrust needs none. Contact forces are affine in them, so least squares finds those that come
     nearest to the command; that they reach it is what the tests claim.
     """
-    sizes = job.team.sizes
+    sizes = problem.team.sizes
     count = 2 * sum(sizes)
 
     def lam(d: np.ndarray) -> np.ndarray:
         parts = np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1])
-        return np.asarray(grasp.stack_contacts(accelerate(job.team, job.z, inputs, pushed(job, parts))[1])).ravel()
+        return np.asarray(
+            grasp.stack_contacts(accelerate(problem.team, problem.z, inputs, with_lateral_forces(problem, parts))[1])
+        ).ravel()
 
-    asked = np.asarray(grasp.stack_contacts(tuple(share.lam for share in job.shares))).ravel()
+    required = np.asarray(grasp.stack_contacts(tuple(share.lam for share in problem.shares))).ravel()
     zero = lam(np.zeros(count))
     A = np.stack([lam(e) - zero for e in np.eye(count)], axis=1)
-    d = np.linalg.lstsq(A, asked - zero, rcond=None)[0]
-    d += np.linalg.lstsq(A, asked - lam(d), rcond=None)[0]  # what rounding left
-    a, _ = accelerate(job.team, job.z, inputs, pushed(job, np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1])))
-    return a, lam(d) - asked, d
+    d = np.linalg.lstsq(A, required - zero, rcond=None)[0]
+    d += np.linalg.lstsq(A, required - lam(d), rcond=None)[0]  # correction of rounding errors
+    a, _ = accelerate(
+        problem.team, problem.z, inputs, with_lateral_forces(problem, np.split(d.reshape(-1, 2), np.cumsum(sizes)[:-1]))
+    )
+    return a, lam(d) - required, d
 
 
-def each(values: tuple) -> list:
-    """The agents of all groups one by one."""
+def agents_of(values: tuple) -> list:
+    """Return the agents of all groups as a list."""
     return [jax.tree.map(lambda x, j=j: x[j], group) for group in values for j in range(len(jax.tree.leaves(group)[0]))]
 
 
@@ -139,41 +145,53 @@ CASES = [pytest.param(seed, structure, id=f"{i}-{seed}") for i, structure in enu
 
 
 @pytest.mark.parametrize(("seed", "structure"), CASES)
-def test_with_thrust_aligned_contact_forces_and_payload(seed, structure):
-    """With thrust aligned contact forces and payload are as commanded."""
-    job = task(seed, structure)
-    a, missed, d = aligned(job, commands(job))
-    assert np.abs(d).max() > 0.1  # the thrusts were not aligned by themselves
-    assert np.abs(missed).max() < ROUNDING
-    np.testing.assert_allclose(a.payload, jnp.concatenate([job.to.a, job.to.alpha]), atol=ROUNDING)
+def test_aligned_thrust_realizes_forces_and_motion(seed, structure):
+    """With aligned thrust, contact forces and payload motion are as commanded."""
+    problem = task(seed, structure)
+    a, force_error, d = solve_aligned(problem, commands(problem))
+    assert np.abs(d).max() > 0.1  # without lateral forces the thrusts are not aligned
+    assert np.abs(force_error).max() < ROUNDING
+    np.testing.assert_allclose(a.payload, jnp.concatenate([problem.to.a, problem.to.alpha]), atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("seed", "structure"), CASES)
-def test_thrust_is_what_the_force_balance_asks_along_the_body(seed, structure):
-    """Thrust is what the force balance asks along the body axis."""
-    job = task(seed, structure)
-    inputs = commands(job)
-    a, _, d = aligned(job, inputs)
+def test_thrust_is_the_required_force_along_body_z(seed, structure):
+    """Thrust is the component of the required force along the body z axis."""
+    problem = task(seed, structure)
+    inputs = commands(problem)
+    a, _, d = solve_aligned(problem, inputs)
     v_dot = np.concatenate([np.asarray(x.v_dot) for x in a.agents])
-    parts = (each(job.team.agent_groups), each(job.z.agents), each(job.shares), each(job.f.agents), each(inputs))
+    parts = (
+        agents_of(problem.team.agent_groups),
+        agents_of(problem.z.agents),
+        agents_of(problem.shares),
+        agents_of(problem.f.agents),
+        agents_of(inputs),
+    )
     for j, (agent, q, share, f, u) in enumerate(zip(*parts, strict=True)):
-        force = float(agent.mass.sum()) * (v_dot[j] - job.team.gravity) + share.lam.sum(0) - f.f_x
+        force = float(agent.mass.sum()) * (v_dot[j] - problem.team.gravity) + share.lam.sum(0) - f.f_x
         np.testing.assert_allclose(q.R.T @ force, [*d[2 * j : 2 * j + 2], u.u], atol=ROUNDING)
 
 
 @pytest.mark.parametrize(("seed", "structure"), CASES)
-def test_agents_turn_by_the_attitude_law(seed, structure):
-    job = task(seed, structure)
-    a, _, _ = aligned(
-        job, commands(job, dataclasses.replace(GAINS, posture_bandwidth=jnp.array(0.0)))
-    )  # which leans no thrust
+def test_agents_follow_the_attitude_law(seed, structure):
+    problem = task(seed, structure)
+    a, _, _ = solve_aligned(
+        problem, commands(problem, dataclasses.replace(GAINS, posture_bandwidth=jnp.array(0.0)))
+    )  # without tilt
     turned = np.concatenate([np.asarray(x.xi_dot)[:, :3] for x in a.agents])
     k_R, k_w, h = float(GAINS.agent_k_R), float(GAINS.agent_k_omega), 1e-5
-    parts = zip(each(job.team.agent_groups), each(job.z.agents), each(job.shares), each(job.f.agents), strict=True)
+    parts = zip(
+        agents_of(problem.team.agent_groups),
+        agents_of(problem.z.agents),
+        agents_of(problem.shares),
+        agents_of(problem.f.agents),
+        strict=True,
+    )
     for j, (agent, q, share, f) in enumerate(parts):
         m = agent.mass.sum()
-        f_dir = m * (job.to.a - job.team.gravity) + share.lam.sum(0) - f.f_x
-        f_dot = m * job.to.jerk + share.lam_dot.sum(0)
+        f_dir = m * (problem.to.a - problem.team.gravity) + share.lam.sum(0) - f.f_x
+        f_dot = m * problem.to.jerk + share.lam_dot.sum(0)
         R, R_d = np.asarray(q.R), np.asarray(attitude(f_dir, share.yaw))
         R_d_dot = (attitude(f_dir + h * f_dot, share.yaw) - attitude(f_dir - h * f_dot, share.yaw)) / (2 * h)
         omega_d = vee(R_d.T @ np.asarray(R_d_dot))
@@ -182,25 +200,25 @@ def test_agents_turn_by_the_attitude_law(seed, structure):
 
 
 def vee(A: np.ndarray) -> np.ndarray:
-    """The vector of the skew part."""
+    """Return the vector of the skew-symmetric part."""
     return np.array([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]]) / 2
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_joints_beyond_need_move_as_the_thrust_moves_the_agent(seed):
-    """Of one arm, whatever the attitude: the lateral forces that its thrust lacks are none."""
-    job = task(seed, STRUCTURES[3])
-    _, missed, d = aligned(job, commands(job))
+def test_redundant_joints_follow_the_thrust_direction(seed):
+    """With one arm and any attitude no lateral force is missing."""
+    problem = task(seed, STRUCTURES[3])
+    _, force_error, d = solve_aligned(problem, commands(problem))
     assert np.abs(d[2:4]).max() < 0.02 * np.abs(d).max()  # the chain; the other agents' arms leave a joint at most
-    assert np.abs(missed).max() < ROUNDING
+    assert np.abs(force_error).max() < ROUNDING
 
 
 ONE_ARM = ((teams.CHAIN, 1), (teams.RIGID, 2))
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_the_lean_moves_the_centre_of_mass_as_the_posture(seed):
-    """At rest, upright as the force is, joints off theirs: `m x_dd` across the thrust, x_dd of still tips."""
+def test_posture_tilt_accelerates_the_center_of_mass(seed):
+    """At rest with joints off their posture: `m x_dd` perpendicular to the thrust equals that of fixed tips."""
     rng = np.random.default_rng(seed)
     agent = jax.tree.map(lambda x: x[0], teams.team(rng, ONE_ARM).agent_groups[0])
     q = teams.agent_state(rng, teams.CHAIN, speed=0.0)
@@ -214,34 +232,34 @@ def test_the_lean_moves_the_centre_of_mass_as_the_posture(seed):
     turn = attitude_module.thrust_attitude_setpoint(agent, g, to, share, none)
     q = dataclasses.replace(q, R=turn.R)
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
-    leaned, _ = redundancy.posture_control(agent, GAINS, g, q, to, share, none, p, turn)
+    tilted, _ = redundancy.posture_control(agent, GAINS, g, q, to, share, none, p, turn)
     r_dd = -(float(GAINS.posture_bandwidth) ** 2) * off
     lift = -np.asarray(turn.R) @ np.asarray(p.J_tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
     f = lift - np.asarray(g)
-    np.testing.assert_allclose(leaned.R[:, 2], f / np.linalg.norm(f), atol=0.01 * np.linalg.norm(lift) / 9.81)
-    assert np.linalg.norm(np.cross(leaned.R[:, 2], turn.R[:, 2])) > 1e-3
+    np.testing.assert_allclose(tilted.R[:, 2], f / np.linalg.norm(f), atol=0.01 * np.linalg.norm(lift) / 9.81)
+    assert np.linalg.norm(np.cross(tilted.R[:, 2], turn.R[:, 2])) > 1e-3
 
 
 LONG_CHAIN = KinematicTree(parents=tuple(range(7)), prismatic=(False,) * 7, tip_bodies=(7,))
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_joints_give_way_to_what_moves_neither_tips(seed):
-    """Torques `H z` with `B z = 0` leave the motion to accelerate by z, those of forces at the tips do not."""
-    job = task(seed, ((LONG_CHAIN, 1), (teams.RIGID, 2)))
-    agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (job.team.agent_groups, job.z.agents))
+def test_uncontrolled_joint_acceleration(seed):
+    """Torques `H z` with `B z = 0` accelerate the joints by z; torques of forces at the tips do not."""
+    problem = task(seed, ((LONG_CHAIN, 1), (teams.RIGID, 2)))
+    agent, q = (jax.tree.map(lambda x: x[0], groups[0]) for groups in (problem.team.agent_groups, problem.z.agents))
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
     B, H = np.asarray(p.J_tip)[0, :, 3:], np.asarray(p.M_bar)[3:, 3:]
     z, c = np.linalg.svd(B)[2][3:].T @ np.random.default_rng(seed).normal(size=4), np.array([0.3, -0.2, 0.1])
-    give = lambda f_r: np.asarray(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(f_r)))  # noqa: E731
-    np.testing.assert_allclose(give(H @ z + B.T @ c), z, atol=1e-8)
-    np.testing.assert_allclose(B @ give(np.ones(7)), 0, atol=1e-8)
-    _, missed, _ = aligned(job, commands(job))
-    assert np.abs(missed).max() < ROUNDING
+    acceleration_of = lambda f_r: np.asarray(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(f_r)))  # noqa: E731
+    np.testing.assert_allclose(acceleration_of(H @ z + B.T @ c), z, atol=1e-8)
+    np.testing.assert_allclose(B @ acceleration_of(np.ones(7)), 0, atol=1e-8)
+    _, force_error, _ = solve_aligned(problem, commands(problem))
+    assert np.abs(force_error).max() < ROUNDING
 
 
-def test_joints_of_a_planar_arm_give_way_in_its_plane():
-    """Four joints about one axis: their tip cannot leave a plane, so B has a row of zeros."""
+def test_uncontrolled_joints_of_a_planar_arm():
+    """Four joints about one axis: the tip cannot leave a plane, so B has a row of zeros."""
     rng = np.random.default_rng(0)
     planar = KinematicTree(parents=(0, 1, 2, 3), prismatic=(False,) * 4, tip_bodies=(4,))
     agent = jax.tree.map(lambda x: x[0], teams.team(rng, ((planar, 1), (teams.RIGID, 2))).agent_groups[0])
@@ -256,19 +274,19 @@ def test_joints_of_a_planar_arm_give_way_in_its_plane():
     np.testing.assert_allclose(redundancy.uncontrolled_joint_acceleration(agent, p, jnp.asarray(H @ z)), z, atol=1e-8)
 
 
-# The leader -----------------------------------------------------------------------------------------------------------
+# Payload controller ---------------------------------------------------------------------------------------------------
 
 
 @dataclasses.dataclass
-class Pursuit:
-    """A payload that moves, a setpoint that moves and turns otherwise, and how both go on."""
+class MovingSetpoint:
+    """A moving payload, a setpoint with another motion, and the evolution of both."""
 
     q: PayloadState
     a: jax.Array  # m/s^2, of the payload
     d: base.PayloadSetpoint
 
     def after(self, h: float, alpha: jax.Array) -> tuple[PayloadState, base.PayloadSetpoint]:
-        """Both, h seconds on, to second order; alpha turns the payload, rad/s^2."""
+        """Return both after h seconds to second order; alpha is the payload's angular acceleration [rad/s^2]."""
         q, d = self.q, self.d
         turned = so3.exp(h * q.omega + h * h / 2 * alpha)
         return (
@@ -286,22 +304,22 @@ class Pursuit:
         )
 
 
-def pursuit(seed: int) -> Pursuit:
-    """Random numbers of order one for everything."""
+def moving_setpoint(seed: int) -> MovingSetpoint:
+    """Return random numbers of order one for all quantities."""
     rng = np.random.default_rng(seed)
     v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731
     R = lambda: so3.exp(v())  # noqa: E731
     d = base.PayloadSetpoint(p=v(), v=v(), a=v(), j=v(), R=R(), omega=v(), omega_dot=v())
-    return Pursuit(q=PayloadState(R=R(), p=v(), omega=v(), v=v()), a=v(), d=d)
+    return MovingSetpoint(q=PayloadState(R=R(), p=v(), omega=v(), v=v()), a=v(), d=d)
 
 
 command = jax.jit(tracking.tracking_acceleration)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_payload_that_obeys_has_the_error_dynamics(seed):
+def test_commanded_acceleration_gives_the_error_dynamics(seed):
     """Eq. pl_cl_eom with omega_d and its rate: `e_w_dot = -k_R e_R - k_w e_w`, by differences."""
-    of, h = pursuit(seed), 1e-5
+    of, h = moving_setpoint(seed), 1e-5
     alpha = command(GAINS, of.q, of.a, of.d).alpha
     ends = []
     for s in (h, -h):
@@ -314,7 +332,7 @@ def test_a_payload_that_obeys_has_the_error_dynamics(seed):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_jerk_is_the_rate_of_the_commanded_acceleration(seed):
-    of, h = pursuit(seed), 1e-4
+    of, h = moving_setpoint(seed), 1e-4
     to = command(GAINS, of.q, of.a, of.d)
     ends = [np.asarray(command(GAINS, q, of.a, d).a) for q, d in (of.after(s, to.alpha) for s in (h, -h))]
     np.testing.assert_allclose(to.jerk, (ends[0] - ends[1]) / (2 * h), atol=1e-6)
@@ -324,9 +342,9 @@ def test_the_jerk_is_the_rate_of_the_commanded_acceleration(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_wrench_moves_the_payload_as_commanded(seed):
+def test_desired_wrench_gives_the_commanded_acceleration(seed):
     """Newton and Euler in plain NumPy under the wrench and the residual that it compensates."""
-    rng, of = np.random.default_rng(seed), pursuit(seed)
+    rng, of = np.random.default_rng(seed), moving_setpoint(seed)
     team = teams.team(rng, STRUCTURES[1])
     f = Wrench(F=jnp.array(rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
     to = command(GAINS, of.q, of.a, of.d)
@@ -342,11 +360,11 @@ vectors = st.tuples(*[st.floats(-20, 20)] * 3).map(np.array)
 
 
 @given(f=vectors.filter(lambda f: np.linalg.norm(f) > 0.1), heading=st.floats(-4, 4))
-def test_the_attitude_is_a_rotation_with_its_third_axis_along(f, heading):
-    """The attitude is a rotation with its third axis along the force."""
+def test_attitude_has_its_third_axis_along_the_force(f, heading):
+    """The attitude is a rotation matrix with its third axis along the force."""
     ahead = np.array([np.cos(heading), np.sin(heading), 0])
     if np.linalg.norm(np.cross(f, ahead)) < 1e-3 * np.linalg.norm(f):
-        return  # the heading is undefined for a thrust along it
+        return  # yaw is undefined for a thrust along it
     R = np.asarray(attitude(jnp.array(f), jnp.array(heading)))
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) > 0
@@ -366,11 +384,11 @@ def test_the_attitude_has_finite_gradients(f, heading):
 gradient = jax.jit(jax.jacfwd(attitude_module.attitude_from_thrust))
 
 
-# Looking ahead --------------------------------------------------------------------------------------------------------
+# Preview --------------------------------------------------------------------------------------------------------------
 
 
 @given(st.integers(0, 10**6))
-def test_a_turn_has_the_rates_of_the_attitude_along_the_force(seed):
+def test_attitude_rates_equal_finite_differences(seed):
     rng = np.random.default_rng(seed)
     f = np.array([0.0, 0.0, 20.0]) + rng.normal(size=3), 5 * rng.normal(size=3), 20 * rng.normal(size=3)
     heading, h = jnp.array(rng.normal()), 1e-3
@@ -388,8 +406,8 @@ def test_a_turn_has_the_rates_of_the_attitude_along_the_force(seed):
 
 @settings(max_examples=8)
 @given(st.integers(0, 10**6))
-def test_without_a_swing_the_rates_are_those_of_what_is_asked(seed):
-    """A single body that bears the payload at its centre of mass: its own turning moves that nowhere."""
+def test_preview_rates_of_a_single_body(seed):
+    """A single body that holds the payload at its center of mass, which its rotation does not move."""
     rng = np.random.default_rng(seed)
     structure = ((KinematicTree(parents=(), prismatic=(), tip_bodies=(0,)), 1),)
     team, z = teams.team(rng, structure), teams.free_state(rng, structure)
@@ -398,15 +416,18 @@ def test_without_a_swing_the_rates_are_those_of_what_is_asked(seed):
     q = jax.tree.map(lambda x: x[0], z.agents[0])
     step, c = 0.03, rng.normal(size=(5, 3)) * np.array([1, 1, 1, 2, 6])[:, None] + [[0, 0, 20], *[[0, 0, 0]] * 4]
     at = step * preview.PREVIEW_NODES
-    f = sum(c[k] * at[:, None] ** k for k in range(5))  # what is asked ahead, N
-    asked = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
+    f = sum(c[k] * at[:, None] ** k for k in range(5))  # required force over the preview, N
+    required = np.asarray(body.mass).sum() * (rng.normal(size=(5, 3)) - np.asarray(team.gravity))
     still = dataclasses.replace(z.payload, omega=jnp.zeros(3))
     load = jax.tree.map(lambda x: jnp.broadcast_to(x, (5, *x.shape)), still)
-    a = asked / float(body.mass.sum()) + np.asarray(team.gravity)
+    a = required / float(body.mass.sum()) + np.asarray(team.gravity)
     to = jax.vmap(lambda a: tracking.AccelerationCommand(a=a, alpha=jnp.zeros(3), jerk=jnp.zeros(3)))(jnp.asarray(a))
     none = GeneralizedForce(f_x=jnp.zeros(3), f_w=jnp.zeros(3), f_r=jnp.zeros(0))
     share = setpoints.AgentSetpoint(
-        lam=jnp.asarray((f - asked)[2:3]), lam_dot=jnp.zeros((1, 3)), yaw=jnp.array(0.3), nominal_posture=jnp.zeros(0)
+        lam=jnp.asarray((f - required)[2:3]),
+        lam_dot=jnp.zeros((1, 3)),
+        yaw=jnp.array(0.3),
+        nominal_posture=jnp.zeros(0),
     )
     ahead = preview.AgentPreview(step=jnp.array(step), payload=load, acceleration_cmd=to, f=jnp.asarray(f))
     now = jax.tree.map(lambda x: x[2], to)

@@ -1,4 +1,4 @@
-"""One tick on board: what is recorded, predicted, integrated, observed and limited, read off short flights."""
+"""Tests of one control step: recording, prediction, integration, observer and limits, from short simulations."""
 
 from __future__ import annotations
 
@@ -22,64 +22,66 @@ from colift.scenario import experiment
 from colift.simulation import disturbances, sensors
 from colift.trajectories import base
 from tests.support import paper_flights
-from tests.support.paper_flights import ROOM, SETTINGS, exact, number, plan, with_pilot
+from tests.support.paper_flights import ROOM, SETTINGS, number, paper_experiment, with_controller, with_exact_sensors
 
 DT = 1 / SETTINGS.control_Hz
 
 
-def flown(plan: Experiment, chunks: int = 1) -> tuple[simulator.LoopState, signals.StepRecord]:
-    """The loop after some half seconds, and its log."""
-    loop, rows = simulator.reset(plan.loop_config, plan.initial_state), []
-    noise = plan.world.sample_noise(jax.random.key(0), ROOM)
+def simulate_chunks(one_experiment: Experiment, chunks: int = 1) -> tuple[simulator.LoopState, signals.StepRecord]:
+    """Return the loop after some half seconds, and its log."""
+    loop, rows = simulator.reset(one_experiment.loop_config, one_experiment.initial_state), []
+    noise = one_experiment.world.sample_noise(jax.random.key(0), ROOM)
     for _ in range(chunks):
-        loop, some = simulator.rollout(plan.loop_config, loop, noise, jnp.asarray(ROOM))
+        loop, some = simulator.rollout(one_experiment.loop_config, loop, noise, jnp.asarray(ROOM))
         rows.append(jax.tree.map(np.asarray, some))
     return loop, jax.tree.map(lambda *x: np.concatenate(x), *rows)
 
 
 def recording(case: str, **parts: Any) -> Experiment:
-    """A case with its recorder changed."""
-    of = plan(case)
-    return with_pilot(of, recorder=dataclasses.replace(of.controller.recorder, **parts))
+    """Return a case with its recorder changed."""
+    of = paper_experiment(case)
+    return with_controller(of, recorder=dataclasses.replace(of.controller.recorder, **parts))
 
 
 @pytest.mark.parametrize(
     ("case", "payload", "agents"), [("C1", 0, 0), ("C2", 1, 0), ("C3", 1, 1), ("parametric", 1, 0)]
 )
-def test_each_case_records_what_it_learns_from_and_nothing_else(case, payload, agents):
-    loop, _ = flown(recording(case, start=number(0.1), sample_period=number(0.04)))
+def test_each_case_records_only_its_training_data(case, payload, agents):
+    loop, _ = simulate_chunks(recording(case, start=number(0.1), sample_period=number(0.04)))
     n = 10  # 0.1, 0.14, .. 0.46 s
     assert int(loop.controller.recorder.payload.n) == payload * n
     assert list(loop.controller.recorder.agents[0].n) == [agents * n] * 2
 
 
-def test_samples_are_taken_at_their_rate_between_start_and_end():
-    loop, rows = flown(recording("C3", start=number(0.06), sample_period=number(0.05), end=number(0.31)))
+def test_samples_have_their_rate_between_start_and_end():
+    loop, rows = simulate_chunks(recording("C3", start=number(0.06), sample_period=number(0.05), end=number(0.31)))
     data = loop.controller.recorder.payload
     expected = [0.06, 0.11, 0.16, 0.21, 0.26, 0.31]
     np.testing.assert_allclose(data.t[: int(data.n)], expected, atol=1e-9)
     np.testing.assert_array_equal(loop.controller.recorder.agents[0].t[:, :6], np.tile(data.t[:6], (2, 1)))
-    # the label filter delays by some ticks what it pairs with the label: positions are near, not equal
+    # the label filter delays the inputs by some steps: positions are close, not equal
     at = np.searchsorted(rows.t, np.array(expected) - 1e-9)
     np.testing.assert_allclose(data.X[:6, :3], rows.p[at], atol=0.05)
 
 
 def test_recording_ends_at_the_capacity():
     of = recording("C3", start=number(0.0), sample_period=number(DT))
-    loop, _ = flown(of, chunks=2)
+    loop, _ = simulate_chunks(of, chunks=2)
     assert int(loop.controller.recorder.payload.n) == of.controller.residual_model.payload.capacity == 256
     np.testing.assert_allclose(loop.controller.recorder.payload.t, DT * np.arange(256), atol=1e-12)
 
 
 @pytest.mark.long
-def test_of_a_calibration_rig_true_states_and_bounded_labels():
-    """The sensors are noisy, the labels are the true residual off by the rig's error, the inputs the true states."""
+def test_calibration_rig_records_true_states():
+    """With noisy sensors the labels are the true residual plus the rig's error, and the inputs are true states."""
     of = recording("C3", start=number(0.06), sample_period=number(0.05))
-    of = with_pilot(paper_flights.believed(of), recorder=recorder.RigRecorder(**vars(of.controller.recorder)))
+    of = with_controller(
+        paper_flights.with_nominal_world(of), recorder=recorder.RigRecorder(**vars(of.controller.recorder))
+    )
     rng = np.random.default_rng(0)
     error = jax.tree.map(lambda x: jnp.array(rng.uniform(0.01, 0.1, x.shape)), zero_residual(of.world.team))
     of = paper_flights.with_world(of, sensor_models=(sensors.CalibrationRig(label_error=error),))
-    loop, rows = flown(of)
+    loop, rows = simulate_chunks(of)
     n = int(loop.controller.recorder.payload.n)
     assert n == 9  # 0.06, 0.11, .. 0.46 s
     rows = jax.tree.map(
@@ -87,7 +89,7 @@ def test_of_a_calibration_rig_true_states_and_bounded_labels():
     )
     payload, (agents,) = signals.model_inputs(of.world.team, rows)
     np.testing.assert_allclose(loop.controller.recorder.payload.X[:n, :18], payload, atol=1e-12)
-    assert not loop.controller.recorder.payload.X[:n, 18:].any()  # accelerations are not an input of the learned map
+    assert not loop.controller.recorder.payload.X[:n, 18:].any()  # accelerations are no model input
     np.testing.assert_allclose(loop.controller.recorder.agents[0].X[:, :n].transpose(1, 0, 2), agents, atol=1e-12)
     z, _ = paper_flights.states(of.world.team, rows)
     f = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(of.world.disturbances, of.world.team, z)
@@ -103,24 +105,26 @@ def test_of_a_calibration_rig_true_states_and_bounded_labels():
     assert (np.ptp(np.sign(off), axis=1) > 0).any()
 
 
-# The law at an exact state --------------------------------------------------------------------------------------------
+# Control law at an exact state ----------------------------------------------------------------------------------------
 
 
 setpoints = jax.jit(jax.vmap(lambda path, t: path.evaluate(t), in_axes=(None, 0)))
 
 
 def commanded(
-    rows: signals.StepRecord, leader: payload_controllers.GeometricTracking, path: base.ReferenceTrajectory
+    rows: signals.StepRecord, payload_controller: payload_controllers.GeometricTracking, path: base.ReferenceTrajectory
 ) -> np.ndarray:
-    """`a_cmd` of the paper's law, with the true errors."""
+    """Return `a_cmd` of the paper's law for the true errors."""
     a_d = np.array(setpoints(path, jnp.asarray(rows.t)).a)
-    return a_d - rows.e_p @ np.asarray(leader.gains.K_p) - rows.e_v @ np.asarray(leader.gains.K_v)
+    return (
+        a_d - rows.e_p @ np.asarray(payload_controller.gains.K_p) - rows.e_v @ np.asarray(payload_controller.gains.K_v)
+    )
 
 
 @pytest.mark.long
-def test_integral_action_sums_the_errors_tick_by_tick():
-    of = exact(plan("integral"))
-    _, rows = flown(of)
+def test_integral_action_sums_the_errors():
+    of = with_exact_sensors(paper_experiment("integral"))
+    _, rows = simulate_chunks(of)
     nominal, gains = of.controller.team, of.controller.payload_controller
     a = commanded(rows, gains.leader, of.controller.reference) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
     np.testing.assert_allclose(
@@ -134,14 +138,16 @@ def test_integral_action_sums_the_errors_tick_by_tick():
 
 
 @pytest.mark.long
-def test_the_wrench_observer_filters_what_the_last_command_did():
-    """The wrench observer filters what the last command did not explain."""
-    of = exact(plan("disturbance_observer"))
-    _, rows = flown(of)
+def test_observer_filters_the_unexplained_wrench():
+    """The disturbance observer filters the wrench that the last command did not explain."""
+    of = with_exact_sensors(paper_experiment("disturbance_observer"))
+    _, rows = simulate_chunks(of)
     z, inputs = paper_flights.states(of.world.team, rows)
 
-    # the readings of a tick are taken under the command of the tick before
-    a, _ = paper_flights.answer(of, jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs))
+    # measurements of a step follow from the command of the previous step
+    a, _ = paper_flights.accelerations_and_residuals(
+        of, jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
+    )
     a = np.asarray(a)
     w, J = rows.omega_L[1:], np.asarray(of.controller.team.payload.inertia)
     w_dot = np.diff(rows.omega_L, axis=0) / DT
@@ -158,33 +164,33 @@ def test_the_wrench_observer_filters_what_the_last_command_did():
 
 
 @pytest.mark.long
-def test_the_parametric_part_is_evaluated_at_the_commanded():
-    """Case O is told the disturbances and knows the mismatch: what remains is `Y(a_cmd) theta` (errata, row 12)."""
-    of = exact(plan("true_residual"))
-    _, rows = flown(of)
+def test_parameter_mismatch_uses_commanded_acceleration():
+    """Case `true_residual` has the disturbances; the remainder is `Y(a_cmd) theta` (errata, row 12)."""
+    of = with_exact_sensors(paper_experiment("true_residual"))
+    _, rows = simulate_chunks(of)
     z, _ = paper_flights.states(of.world.team, rows)
-    told = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
+    predicted = jax.jit(jax.vmap(disturbances.initial_forces, in_axes=(None, None, 0)))(
         of.world.disturbances, of.world.team, z
     ).payload
     nominal = of.controller.team
     dm = float(nominal.payload.mass - of.world.team.payload.mass)
-    expected = told.F + dm * (
+    expected = predicted.F + dm * (
         commanded(rows, of.controller.payload_controller, of.controller.reference) - np.asarray(nominal.gravity)
     )
     np.testing.assert_allclose(rows.f_L_hat[:, :3], expected, atol=1e-6)
 
 
-def test_residuals_known_exactly_are_told_to_case_O_alone():
+def test_only_true_residual_uses_the_true_residual():
     for case in experiment.PAPER_CASES | experiment.BASELINES:
-        assert isinstance(plan(case).controller.residual_predictor, residual_predictors.TrueResidual) == (
+        assert isinstance(paper_experiment(case).controller.residual_predictor, residual_predictors.TrueResidual) == (
             case == "true_residual"
         )
-        assert not np.any(plan(case).controller.residual_model.inertial_parameters)
+        assert not np.any(paper_experiment(case).controller.residual_model.inertial_parameters)
 
 
-def test_predictions_are_the_frozen_oracle_s_at_the_estimated():
-    """Between updates one oracle predicts, whatever is recorded meanwhile; before the first it predicts zero."""
-    of = dataclasses.replace(exact(plan("C3")), duration=2.0, update_times=(1.0,))
+def test_predictions_use_the_frozen_model():
+    """Between updates predictions are those of one model at the estimated state, and zero before the first update."""
+    of = dataclasses.replace(with_exact_sensors(paper_experiment("C3")), duration=2.0, update_times=(1.0,))
     flight = run_experiment(of)
     rows = flight.records
     after = rows.t >= 1.0 - 1e-9
@@ -198,59 +204,64 @@ def test_predictions_are_the_frozen_oracle_s_at_the_estimated():
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _realized(
-    lam_dot_of: Any, pilot: controller.LeaderFollowerController, now: interfaces.ControlContext, lam: jax.Array
+def _agent_inputs(
+    lam_dot_of: Any, controlled: controller.LeaderFollowerController, now: interfaces.ControlContext, lam: jax.Array
 ) -> Any:
-    """What agents are asked when the rate of their forces is that of an allocation, given the forces themselves."""
+    """Return the inputs of agents for given contact forces and a given rate of these forces."""
     to = tracking.tracking_acceleration(
-        pilot.payload_controller.gains, now.estimate.payload, now.estimate.a_L[:3], now.setpoint
+        controlled.payload_controller.gains, now.estimate.payload, now.estimate.a_L[:3], now.setpoint
     )
     forces = interfaces.ContactForceCommand(
-        lam=lam, lam_dot=lam_dot_of(pilot, now.estimate, to), eta=pilot.allocator.internal.eta
+        lam=lam, lam_dot=lam_dot_of(controlled, now.estimate, to), eta=controlled.allocator.internal.eta
     )
-    return pilot.agent_controller.compute(now, to, forces, zero_residual(pilot.team))[0]
+    return controlled.agent_controller.compute(now, to, forces, zero_residual(controlled.team))[0]
 
 
 def _rate_by_differences(
-    pilot: controller.LeaderFollowerController, q_hat: state_estimator.StateEstimate, to: tracking.AccelerationCommand
+    controlled: controller.LeaderFollowerController,
+    q_hat: state_estimator.StateEstimate,
+    to: tracking.AccelerationCommand,
 ) -> jax.Array:
-    """How the allocated forces change with the wrench `m jerk`, by differences of whole allocations."""
-    m, h, R = pilot.team.payload.mass, 0.5, q_hat.payload.R
-    eta, plan = jnp.zeros_like(pilot.allocator.internal.eta), pilot.allocator.allocation
-    ends = [allocation.allocate(plan, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta) for s in (h, -h)]
+    """Return the rate of the allocated forces for the wrench `m jerk`, by differences of allocations."""
+    m, h, R = controlled.team.payload.mass, 0.5, q_hat.payload.R
+    eta, one_experiment = jnp.zeros_like(controlled.allocator.internal.eta), controlled.allocator.allocation
+    ends = [
+        allocation.allocate(one_experiment, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta)
+        for s in (h, -h)
+    ]
     return (ends[0] - ends[1]) / (2 * h)
 
 
 @pytest.mark.long
-def test_the_attitude_s_feed_forward_takes_the_rate():
+def test_attitude_feedforward_uses_the_force_rate():
     """Contact forces with a constant internal part lam_f0 (Eq. follower_force), at a moving state."""
-    of = exact(plan("C1"))
+    of = with_exact_sensors(paper_experiment("C1"))
     rng = np.random.default_rng(0)
     allocator = of.controller.allocator
     kernel = allocator.allocation.nullspace
     offset = kernel @ jnp.array(rng.normal(size=kernel.shape[1]))
     allocation = dataclasses.replace(allocator.allocation, offset=offset)
-    of = with_pilot(of, allocator=dataclasses.replace(allocator, allocation=allocation))
-    _, rows = flown(of)
+    of = with_controller(of, allocator=dataclasses.replace(allocator, allocation=allocation))
+    _, rows = simulate_chunks(of)
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
     now = controller.context_at(of.controller, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
-    inputs, _, decided = jax.jit(lambda pilot, now: pilot.control_law((), (), now))(of.controller, now)
+    inputs, _, telemetry = jax.jit(lambda controlled, now: controlled.control_law((), (), now))(of.controller, now)
     assert np.abs(offset).max() > 0.1
-    expected = _realized(_rate_by_differences, of.controller, now, decided.lam_cmd)
-    for found, told in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):
-        np.testing.assert_allclose(found, told, atol=1e-8)
-    without = _realized(lambda *_: jnp.zeros_like(decided.lam_cmd), of.controller, now, decided.lam_cmd)
+    expected = _agent_inputs(_rate_by_differences, of.controller, now, telemetry.lam_cmd)
+    for found, predicted in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(found, predicted, atol=1e-8)
+    without = _agent_inputs(lambda *_: jnp.zeros_like(telemetry.lam_cmd), of.controller, now, telemetry.lam_cmd)
     assert np.abs(inputs[0].tau - without[0].tau).max() > 1e-3  # the rate counts
 
 
-def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit():
-    """Thrust is limited to what the rotors give and the limit is reported."""
-    of = plan("C1")
+def test_thrust_limit_is_applied_and_reported():
+    """Thrust is limited to the maximum of the rotors, and the limit is reported."""
+    of = paper_experiment("C1")
     (group,) = of.controller.team.agent_groups
     weak = dataclasses.replace(group, thrust_max=jnp.array([23.5, 50.0]))
-    of = with_pilot(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
-    _, rows = flown(of)
+    of = with_controller(of, team=dataclasses.replace(of.controller.team, agent_groups=(weak,)))
+    _, rows = simulate_chunks(of)
     assert rows.u[:, 0].max() == 23.5
     assert rows.u[:, 1].max() > 23.5
     np.testing.assert_array_equal(rows.thrust_saturated[:, 0], rows.u[:, 0] == 23.5)
@@ -259,43 +270,45 @@ def test_thrust_is_limited_to_what_the_rotors_give_and_the_limit():
 
 
 def test_internal_forces_follow_their_pulse():
-    of = plan("C1")
+    of = paper_experiment("C1")
     of = paper_flights.with_internal(of, start=number(0.1), end=number(0.4), ramp=number(0.1))
     internal = of.controller.allocator.internal
-    _, rows = flown(of)
+    _, rows = simulate_chunks(of)
     height = base.smooth_pulse(jnp.asarray(rows.t), internal.start, internal.end, internal.ramp)
     np.testing.assert_allclose(rows.eta, np.outer(height, internal.eta), atol=1e-12)
     assert np.linalg.norm(rows.eta, axis=1).max() >= 1
 
 
-# Looking ahead --------------------------------------------------------------------------------------------------------
+# Preview --------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.long
-def test_looking_ahead_a_team_without_unknowns_keeps_to_its_path():
-    """What the paper's attitude neglects, and the swing, is all that is left once nothing is unknown or noisy."""
-    of = exact(plan("C1"))
+def test_preview_reduces_error_without_residuals():
+    """Without residuals and noise only the neglected attitude rates of the paper's law remain, which preview
+    compensates.
+    """
+    of = with_exact_sensors(paper_experiment("C1"))
     of = dataclasses.replace(
         of, world=dataclasses.replace(of.world, team=of.controller.team, disturbance_scale=number(0.0))
     )
     ours, gains = of.controller.agent_controller, of.controller.payload_controller.gains
-    far = agent_controllers.PreviewThrustVectoringController(
+    with_preview = agent_controllers.PreviewThrustVectoringController(
         gains=gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
     )
     flights = [
         run_experiment(dataclasses.replace(x, duration=6.0))
-        for x in (of, with_pilot(of, agent_controller=far, preview_step=number(0.03)))
+        for x in (of, with_controller(of, agent_controller=with_preview, preview_step=number(0.03)))
     ]
     late = [np.linalg.norm(flight.records.e_p[-1000:], axis=1).max() for flight in flights]
     assert late[1] < late[0] / 5, late
     assert not flights[1].records.thrust_saturated[500:].any()
 
 
-def test_a_realizer_that_needs_to_look_ahead_says_so():
-    of = plan("C1")
+def test_preview_controller_requires_a_preview():
+    of = paper_experiment("C1")
     ours = of.controller.agent_controller
-    far = agent_controllers.PreviewThrustVectoringController(
+    with_preview = agent_controllers.PreviewThrustVectoringController(
         gains=ours.gains, yaw=ours.yaw, nominal_posture=ours.nominal_posture
     )
     with pytest.raises(ValueError, match="requires a preview of the reference"):
-        run_experiment(dataclasses.replace(with_pilot(of, agent_controller=far), duration=0.01))
+        run_experiment(dataclasses.replace(with_controller(of, agent_controller=with_preview), duration=0.01))

@@ -1,4 +1,4 @@
-"""How strongly agents hear themselves in their labels."""
+"""Tests of the label loop gain: feedback from an agent's motion through its labels."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ ARM = "agent_types.two_arms.joints.{}.body.{}={}"
 def parts(
     changes: list[str], name: str = "trio"
 ) -> tuple[AerialManipulator, jax.Array, tracking.Gains, FilterBandwidths]:
-    """Agent, rest, gains and filters of a team's first agent, and of F."""
-    pilot = experiment.make_experiment(scenario.load_scenario(name, changes), "label_feedback").controller
-    agent = jax.tree.map(lambda x: x[0], pilot.team.agent_groups[0])
+    """Return agent, nominal posture, gains and filters of a team's first agent in case `label_feedback`."""
+    controller = experiment.make_experiment(scenario.load_scenario(name, changes), "label_feedback").controller
+    agent = jax.tree.map(lambda x: x[0], controller.team.agent_groups[0])
     return (
         agent,
-        pilot.agent_controller.nominal_posture[0][0],
-        pilot.agent_controller.gains,
-        pilot.innovation_filter.filters,
+        controller.agent_controller.nominal_posture[0][0],
+        controller.agent_controller.gains,
+        controller.innovation_filter.filters,
     )
 
 
 def arms(mass_kg: float, reach_m: float) -> list[str]:
-    """Arms of another mass, which is so far out."""
+    """Return settings of arms with another mass at another distance."""
     each = [("mass_kg", f"{mass_kg}"), ("center_of_mass_m", f"[0,0,{-reach_m}]")]
     return [ARM.format(joint, name, value) for joint in (1, 2) for name, value in each]
 
 
-def test_as_joints_fold_all_tips_move_as_one():
-    """So the centre of mass can move against it, and they stay."""
+def test_posture_tilt_moves_all_tips_equally():
+    """The center of mass can then move relative to the tips while these stay."""
     agent, rest, _, _ = parts([])
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, rest))
     tips = p.J_tip[:, :, :3] + p.J_tip[:, :, 3:] @ redundancy.posture_tilt_jacobian(agent, p)
     np.testing.assert_allclose(tips[0], tips[1], atol=1e-10)
 
 
-def test_an_agent_hears_itself_the_more_the_heavier_and_longer():
-    """An agent hears itself the more the heavier and longer its arms are and not without joints."""
+def test_loop_gain_increases_with_arm_mass_and_length():
+    """The gain increases with mass and length of the arms and is zero without joints."""
     base = label_feedback.label_loop_gain(*parts([]), force=20.0)
     assert (
         0
@@ -62,35 +62,37 @@ def test_an_agent_hears_itself_the_more_the_heavier_and_longer():
     assert label_feedback.label_loop_gain(*parts([]), force=0.0) == np.inf
 
 
-def test_joint_rates_without_delay_are_no_echo_and_slow_labels():
-    """Joint rates without delay are no echo and slow labels hear less."""
+def test_loop_gain_depends_on_filter_bandwidths():
+    """Joint rates without delay give no loop gain, and slower label filters reduce it."""
     agent, rest, gains, filters = parts([])
-    heard = label_feedback.label_loop_gain(agent, rest, gains, filters, 20.0)
+    gain = label_feedback.label_loop_gain(agent, rest, gains, filters, 20.0)
     fast = dataclasses.replace(filters, joint=jnp.array(1e6))
     slow = dataclasses.replace(filters, label=filters.label / 2)
-    assert label_feedback.label_loop_gain(agent, rest, gains, fast, 20.0) < 1e-3 * heard
-    assert label_feedback.label_loop_gain(agent, rest, gains, slow, 20.0) < 0.5 * heard
+    assert label_feedback.label_loop_gain(agent, rest, gains, fast, 20.0) < 1e-3 * gain
+    assert label_feedback.label_loop_gain(agent, rest, gains, slow, 20.0) < 0.5 * gain
 
 
-def test_the_rate_is_heeded_whole_up_to_a_half_and_not_from_one():
+def test_rate_attenuation_is_one_to_a_half_and_zero_from_one():
     np.testing.assert_allclose(
         [label_feedback.rate_attenuation(g) for g in (0.0, 0.5, 0.75, 1.0, 3.0)], [1, 1, 0.5, 0, 0]
     )
 
 
-@pytest.mark.parametrize(("changes", "loud"), [([], False), (arms(0.25, 0.3), True)])
-def test_labels_leave_the_flight_stable_and_would_not_if_long(changes, loud):
-    """F, with arms that swing half a kilogram, is lost within a tenth of a second where it follows the rate in full."""
-    plan = dataclasses.replace(
+@pytest.mark.parametrize(("changes", "is_unstable"), [([], False), (arms(0.25, 0.3), True)])
+def test_rate_attenuation_keeps_the_flight_stable(changes, is_unstable):
+    """With arms of 0.5 kg the case fails within 0.1 s if the label rate is used in full."""
+    one_experiment = dataclasses.replace(
         experiment.make_experiment(scenario.load_scenario("trio", changes), "label_feedback"), duration=1.0
     )
-    predictor = plan.controller.residual_predictor
-    assert all(np.all(np.asarray(c) == (0.0 if loud else 1.0)) for c in predictor.rate_attenuation)
-    flown = flight.run_experiment(plan)
-    assert not flown.termination_reason
-    assert np.linalg.norm(np.asarray(flown.records.e_p), axis=1).max() < 0.2
-    all_of_it = dataclasses.replace(
+    predictor = one_experiment.controller.residual_predictor
+    assert all(np.all(np.asarray(c) == (0.0 if is_unstable else 1.0)) for c in predictor.rate_attenuation)
+    result = flight.run_experiment(one_experiment)
+    assert not result.termination_reason
+    assert np.linalg.norm(np.asarray(result.records.e_p), axis=1).max() < 0.2
+    full_rate = dataclasses.replace(
         predictor, rate_attenuation=tuple(jnp.ones_like(c) for c in predictor.rate_attenuation)
     )
-    heeding = dataclasses.replace(plan, controller=dataclasses.replace(plan.controller, residual_predictor=all_of_it))
-    assert bool(flight.run_experiment(heeding).termination_reason) == loud
+    without_attenuation = dataclasses.replace(
+        one_experiment, controller=dataclasses.replace(one_experiment.controller, residual_predictor=full_rate)
+    )
+    assert bool(flight.run_experiment(without_attenuation).termination_reason) == is_unstable

@@ -1,4 +1,4 @@
-"""What labels are constantly off, by drawing biases and putting them through the labels' own equations."""
+"""Tests of the stated label bias against random biases in the label equations."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DRAWS = 4000
 
 
 def team_and_state(rng: np.random.Generator, case: int) -> tuple[Team, State]:
-    """Any team that holds its payload anywhere, and any state."""
+    """A team on its grasp at any state."""
     free = teams.team(rng, teams.POOL[case])
     held = [
         dataclasses.replace(g, contact_position=jnp.asarray(rng.normal(size=g.contact_position.shape)))
@@ -34,12 +34,12 @@ def team_and_state(rng: np.random.Generator, case: int) -> tuple[Team, State]:
 
 
 @given(seed=st.integers(0, 10**6), case=st.integers(0, len(teams.POOL) - 1))
-def test_the_deviation_of_a_payload_s_label_is_that_of_drawn(seed, case):
-    """The deviation of a payload is label is that of drawn biases."""
+def test_payload_label_std_equals_random_biases(seed, case):
+    """The standard deviation of a payload label equals that of random biases."""
     rng = np.random.default_rng(seed)
     team, z = team_and_state(rng, case)
     c, R, m = np.asarray(grasp.contact_points(team)), np.asarray(z.payload.R), float(team.payload.mass)
-    b = rng.normal(size=(DRAWS, len(c), 3))  # the tips' frames may be any: such errors look alike from everywhere
+    b = rng.normal(size=(DRAWS, len(c), 3))  # isotropic errors are independent of the frames of the tips
     a = 0.2 * rng.normal(size=(DRAWS, 3))
     F = m * a - b.sum(1)
     tau = -np.cross(c, b @ R).sum(1)
@@ -51,8 +51,8 @@ def test_the_deviation_of_a_payload_s_label_is_that_of_drawn(seed, case):
 
 @pytest.mark.long
 @given(seed=st.integers(0, 10**6), case=st.integers(0, len(teams.POOL) - 1))
-def test_the_deviation_of_an_agent_s_label_is_that_of_drawn(seed, case):
-    """The deviation of an agent is label is that of drawn biases."""
+def test_agent_label_std_equals_random_biases(seed, case):
+    """The standard deviation of an agent label equals that of random biases."""
     rng = np.random.default_rng(seed)
     team, z = team_and_state(rng, case)
     for group, q in zip(team.agent_groups, z.agents, strict=True):
@@ -71,15 +71,15 @@ def test_the_deviation_of_an_agent_s_label_is_that_of_drawn(seed, case):
             np.testing.assert_allclose(drawn, found[j], rtol=0.1, atol=1e-12)
 
 
-def test_a_bias_that_wanders_is_wider_later_and_independent_ones():
-    """A bias that wanders is wider later and independent ones add in squares."""
+def test_bias_walk_grows_and_independent_biases_add():
+    """A bias walk grows with time, and variances of independent biases add."""
     both = BiasModel(initial_std=0.3, random_walk_density=0.2) + BiasModel(initial_std=0.4, random_walk_density=0.0)
     np.testing.assert_allclose(both.std_at(np.array([0.0, 4.0])), [0.5, np.sqrt(0.25 + 0.16)])
 
 
 @pytest.mark.parametrize("name", ["paper", "outdoors"])
-def test_what_a_scenario_states_of_its_sensors(name):
-    """What a scenario states of its sensors is what is believed of labels."""
+def test_scenario_states_the_label_bias(name):
+    """The label bias follows from the sensor settings of a scenario."""
     settings = scenario.load_scenario(name)
     found = assumptions.label_bias_model(settings)
     starts, rates = {"agents.lam": settings.sensors.tip_force_bias_N**2}, {}
@@ -92,4 +92,4 @@ def test_what_a_scenario_states_of_its_sensors(name):
         assert walk.initial_std == pytest.approx(np.sqrt(starts.get(reading, 0.0)))
         assert walk.random_walk_density == pytest.approx(np.sqrt(rates.get(reading, 0.0)))
     if name == "outdoors":
-        assert found.tips.random_walk_density > 0 or found.agents.initial_std > 0, "sensors drift outdoors"
+        assert found.tips.random_walk_density > 0 or found.agents.initial_std > 0, "outdoor sensors have a bias walk"

@@ -1,4 +1,4 @@
-"""What is learned: growing data, frozen oracles, the rigid-body regressor against a cloud of points."""
+"""Tests of learned models: growing data, frozen models, and the rigid-body regressor against a cloud of points."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ TRAINING = model_update.FitOptions(
 
 @settings(max_examples=20)
 @given(offered=st.lists(st.booleans(), max_size=12))
-def test_data_grow_by_what_is_recorded_in_order_until_they(offered):
-    """Data grow by what is recorded in order until they are full."""
+def test_data_are_appended_until_the_buffer_is_full(offered):
+    """Samples are appended in order until the buffer is full."""
     data, kept = gp.empty_dataset(5, 3, 2), []
     for i, now in enumerate(offered):
         x, y, t = np.arange(3.0) + i, np.arange(2.0) - i, 0.1 * i
@@ -60,8 +60,8 @@ def test_data_grow_by_what_is_recorded_in_order_until_they(offered):
         assert not np.any(data.X[len(kept) :])
 
 
-def test_features_are_those_of_the_paper_in_the_order_of_their():
-    """Features are those of the paper in the order of their names."""
+def test_features_are_those_of_the_paper():
+    """In the order of their names."""
     x = np.arange(1.0, 25.0)
     features = dict(zip(PAYLOAD_FEATURES, np.asarray(payload_features(jnp.array(x))), strict=True))
     assert len(features) == 20
@@ -73,11 +73,11 @@ def test_features_are_those_of_the_paper_in_the_order_of_their():
     assert len(agent_feature_names(3)) == 18 + 2 * 3
 
 
-# Oracles --------------------------------------------------------------------------------------------------------------
+# Models ---------------------------------------------------------------------------------------------------------------
 
 
 def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...] = ()) -> gp.Dataset:
-    """Labelled samples of smooth functions, n of them in use."""
+    """Return labelled samples of smooth functions, n of them in use."""
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(*agents, CAPACITY, inputs))
     Y = np.sin(X[..., :outputs]) + 0.5 * X[..., 1 : outputs + 1] + 0.01 * rng.normal(size=(*agents, CAPACITY, outputs))
@@ -92,12 +92,12 @@ def samples(seed: int, n: int, inputs: int, outputs: int, agents: tuple[int, ...
 
 
 def both(payload: gp.Dataset, agents: gp.Dataset) -> recorder.RecorderState:
-    """Samples of the payload and of a group of two."""
+    """Combine samples of the payload and of a group of two agents."""
     return recorder.RecorderState(payload=payload, agents=(agents,), next_sample_time=jnp.zeros(()))
 
 
 def prior() -> residual_model.ResidualModel:
-    """Before any data: a payload and a group of two agents with three joints."""
+    """Return the model before any data: a payload and a group of two agents with three joints."""
     agents = jax.tree.map(lambda x: jnp.stack([x, x]), gp.prior(STATED[9], CAPACITY))
     return residual_model.ResidualModel(
         payload=gp.prior(STATED[6], CAPACITY), agents=(agents,), inertial_parameters=jnp.zeros(10)
@@ -105,13 +105,13 @@ def prior() -> residual_model.ResidualModel:
 
 
 @pytest.fixture(scope="module")
-def taught() -> tuple[residual_model.ResidualModel, model_update.Fits]:
-    """The oracle on 30 samples of every body."""
+def trained() -> tuple[residual_model.ResidualModel, model_update.Fits]:
+    """Model of 30 samples of every body."""
     return model_update.fit(prior(), both(samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))), TRAINING, {})
 
 
-def test_before_any_data_the_oracle_predicts_zero_with_its_prior():
-    """Before any data the oracle predicts zero with its prior is deviation."""
+def test_model_without_data_predicts_the_prior():
+    """Before any data the model predicts zero with the prior standard deviation."""
     x = jnp.array(np.random.default_rng(3).normal(size=(4, 24)))
     W = residual_model.predict_payload(prior(), x[0])
     (f,) = residual_model.predict_agents(prior(), (x[:2],))
@@ -120,91 +120,96 @@ def test_before_any_data_the_oracle_predicts_zero_with_its_prior():
     np.testing.assert_allclose(residual_model.agent_std(prior().agents[0], jnp.stack([x, x], axis=1)), 2.0)
 
 
-def test_a_taught_oracle_reproduces_its_labels_and_is_surer(taught):
-    """A taught oracle reproduces its labels and is surer there."""
-    oracle, fits = taught
+def test_trained_model_reproduces_its_labels(trained):
+    """A trained model reproduces its labels with a smaller standard deviation."""
+    model, fits = trained
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     assert set(fits) == {"payload", (0, 0), (0, 1)}
-    W = jax.vmap(residual_model.predict_payload, in_axes=(None, 0))(oracle, load.X[:30])
+    W = jax.vmap(residual_model.predict_payload, in_axes=(None, 0))(model, load.X[:30])
     spread = np.asarray(load.Y)[:30].std(0)
     assert (np.abs(np.concatenate([W.F, W.tau], axis=1) - load.Y[:30]).max(0) < 0.5 * spread).all()
-    (f,) = jax.vmap(residual_model.predict_agents, in_axes=(None, 0))(oracle, (agents.X[:, :30].transpose(1, 0, 2),))
+    (f,) = jax.vmap(residual_model.predict_agents, in_axes=(None, 0))(model, (agents.X[:, :30].transpose(1, 0, 2),))
     each = np.concatenate([f.f_x, f.f_w, f.f_r], axis=2).transpose(1, 0, 2)
     assert (np.abs(each - agents.Y[:, :30]).mean() < 0.3 * np.asarray(agents.Y)[:, :30].std(1)).all()
-    far = residual_model.payload_std(oracle, 100 + load.X[:30])
-    assert (residual_model.payload_std(oracle, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
+    far = residual_model.payload_std(model, 100 + load.X[:30])
+    assert (residual_model.payload_std(model, load.X[:30]).mean(0) < 0.7 * far.mean(0)).all()
 
 
-def test_a_second_fit_starts_where_the_first_ended_and_a_body(taught, monkeypatch):
+def test_second_fit_starts_at_the_first_optimum(trained, monkeypatch):
     """The first fit of a body has restarts and no start; later ones have a start and no restarts."""
-    oracle, fits = taught
+    model, fits = trained
     training = dataclasses.replace(TRAINING, restarts=1)
-    asked, fit = [], gp.fit
+    queries, fit = [], gp.fit
 
-    def watched(X, Y, **given):
-        asked.append((given["start"], given["restarts"]))
+    def recorded_fit(X, Y, **given):
+        queries.append((given["start"], given["restarts"]))
         return fit(X, Y, **given | {"max_iterations": 2})
 
-    monkeypatch.setattr(gp, "fit", watched)
+    monkeypatch.setattr(gp, "fit", recorded_fit)
     agents = samples(1, 30, 24, 9, (2,))
     agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
-    _, later = model_update.fit(oracle, both(samples(0, 40, 24, 6), agents), training, fits)
-    assert {id(start) for start, _ in asked} == {id(fits[body].hyper) for body in ("payload", (0, 0))}
-    assert {restarts for _, restarts in asked} == {0}
+    _, later = model_update.fit(model, both(samples(0, 40, 24, 6), agents), training, fits)
+    assert {id(start) for start, _ in queries} == {id(fits[body].hyper) for body in ("payload", (0, 0))}
+    assert {restarts for _, restarts in queries} == {0}
     assert later[0, 1] is fits[0, 1]
     assert later["payload"] is not fits["payload"]
-    asked.clear()
+    queries.clear()
     model_update.fit(prior(), both(samples(0, 30, 24, 6), agents), training, {})
-    assert asked == [(None, 1)] * 2
+    assert queries == [(None, 1)] * 2
 
 
-def test_without_training_hyperparameters_and_prior_mean_stay():
-    """Each body is conditioned on its own data under the prior's hyperparameters; one without data keeps its prior."""
+def test_conditioning_keeps_hyperparameters():
+    """Each body is conditioned on its own data with the prior's hyperparameters; one without data keeps its prior."""
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
     agents = dataclasses.replace(agents, n=jnp.array([30, 0]))
-    oracle, fits = model_update.fit(prior(), both(load, agents), None, {})
+    trained_model, fits = model_update.fit(prior(), both(load, agents), None, {})
     assert fits == {}
-    for now, before in zip(jax.tree.leaves((oracle.payload.hyper, oracle.agents[0].hyper)),
+    for now, before in zip(jax.tree.leaves((trained_model.payload.hyper, trained_model.agents[0].hyper)),
                            jax.tree.leaves((prior().payload.hyper, prior().agents[0].hyper)), strict=True):  # fmt: skip
         np.testing.assert_array_equal(now, before)
     x = np.random.default_rng(6).normal(size=24)
     features = np.asarray(payload_features(load.X[:30]))
-    asked = np.asarray(payload_features(jnp.array(x)))
+    queries = np.asarray(payload_features(jnp.array(x)))
     for model, X, Y, at in (
-        (oracle.payload, features, load.Y[:30], asked),
-        (jax.tree.map(lambda leaf: leaf[0], oracle.agents[0]), np.asarray(agents.X)[0, :30], agents.Y[0, :30], x),
+        (trained_model.payload, features, load.Y[:30], queries),
+        (
+            jax.tree.map(lambda leaf: leaf[0], trained_model.agents[0]),
+            np.asarray(agents.X)[0, :30],
+            agents.Y[0, :30],
+            x,
+        ),
     ):
         k = lambda P, Q: 4.0 * np.exp(-0.5 * ((P[:, None] - Q[None]) ** 2).sum(-1))  # noqa: E731
         expected = k(at[None], X) @ np.linalg.solve(k(X, X) + 0.01 * np.eye(30), np.asarray(Y))
         np.testing.assert_allclose(gp.mean(model, jnp.array(at)), expected[0], atol=1e-9)
-    assert not gp.mean(jax.tree.map(lambda leaf: leaf[1], oracle.agents[0]), jnp.array(x)).any()
+    assert not gp.mean(jax.tree.map(lambda leaf: leaf[1], trained_model.agents[0]), jnp.array(x)).any()
     again, _ = model_update.fit(prior(), both(load, agents), None, {})
-    jax.tree.map(np.testing.assert_array_equal, again, oracle)
+    jax.tree.map(np.testing.assert_array_equal, again, trained_model)
 
 
-def test_an_oracle_is_frozen_however_the_data_grow(taught):
-    oracle, _ = taught
+def test_model_is_independent_of_later_data(trained):
+    model, _ = trained
     x = jnp.array(np.random.default_rng(4).normal(size=24))
-    before = [np.array(leaf) for leaf in jax.tree.leaves(oracle)]
-    told = residual_model.predict_payload(oracle, x)
+    before = [np.array(leaf) for leaf in jax.tree.leaves(model)]
+    prediction = residual_model.predict_payload(model, x)
     data = samples(0, 30, 24, 6)
     for _ in range(3):
         data, _ = record(data, x, jnp.full(6, 9.0), jnp.array(1.0), jnp.array(True))
-    later, _ = model_update.fit(oracle, both(data, samples(1, 30, 24, 9, (2,))), TRAINING, {})
-    assert np.abs(residual_model.predict_payload(later, x).F - told.F).max() > 0.1
-    for leaf, kept in zip(jax.tree.leaves(oracle), before, strict=True):
+    later, _ = model_update.fit(model, both(data, samples(1, 30, 24, 9, (2,))), TRAINING, {})
+    assert np.abs(residual_model.predict_payload(later, x).F - prediction.F).max() > 0.1
+    for leaf, kept in zip(jax.tree.leaves(model), before, strict=True):
         np.testing.assert_array_equal(leaf, kept)
-    np.testing.assert_array_equal(residual_model.predict_payload(oracle, x).F, told.F)
+    np.testing.assert_array_equal(residual_model.predict_payload(model, x).F, prediction.F)
     with pytest.raises(dataclasses.FrozenInstanceError):
-        oracle.inertial_parameters = jnp.ones(10)
+        model.inertial_parameters = jnp.ones(10)
 
 
-def test_a_body_without_data_keeps_its_predictor(taught):
-    oracle, fits = taught
+def test_body_without_data_keeps_its_model(trained):
+    model, fits = trained
     none = gp.empty_dataset(CAPACITY, 24, 9, (2,))
     one = dataclasses.replace(samples(1, 30, 24, 9, (2,)), n=jnp.array([0, 30]))
-    later, now = model_update.fit(oracle, both(gp.empty_dataset(CAPACITY, 24, 6), none), TRAINING, fits)
-    for a, b in zip(jax.tree.leaves(later), jax.tree.leaves(oracle), strict=True):
+    later, now = model_update.fit(model, both(gp.empty_dataset(CAPACITY, 24, 6), none), TRAINING, fits)
+    for a, b in zip(jax.tree.leaves(later), jax.tree.leaves(model), strict=True):
         np.testing.assert_array_equal(a, b)
     assert now == fits
     half, now = model_update.fit(prior(), both(gp.empty_dataset(CAPACITY, 24, 6), one), TRAINING, {})
@@ -214,39 +219,39 @@ def test_a_body_without_data_keeps_its_predictor(taught):
         np.testing.assert_array_equal(a[0], b[0])
 
 
-def test_the_constant_part_of_an_output_is_the_mean(taught):
-    """The constant part of an output is the mean of its labels."""
-    oracle, _ = taught
+def test_constant_mean_is_the_mean_of_the_labels(trained):
+    """The constant mean of an output is the mean of its labels."""
+    model, _ = trained
     far = jnp.full(24, 1e3)
-    W = residual_model.predict_payload(oracle, far)
+    W = residual_model.predict_payload(model, far)
     np.testing.assert_allclose([*W.F, *W.tau], np.asarray(samples(0, 30, 24, 6).Y)[:30].mean(0), atol=1e-9)
 
 
-# Learning that goes on ------------------------------------------------------------------------------------------------
+# Online updates -------------------------------------------------------------------------------------------------------
 
 
-def test_a_renewed_oracle_is_the_posterior_of_newer_samples(taught):
-    """A renewed oracle is the posterior of newer samples under what was fitted."""
-    oracle, _ = taught
+def test_conditioned_model_is_the_posterior_of_new_samples(trained):
+    """With the fitted hyperparameters."""
+    model, _ = trained
     load, agents = samples(7, 40, 24, 6), dataclasses.replace(samples(8, 40, 24, 9, (2,)), n=jnp.array([1, 40]))
-    renewed = model_update.condition(oracle, both(load, agents), {})
-    assert int(renewed.update_index) == int(oracle.update_index) + 1
-    assert int(renewed.payload.num_points) == 40
-    assert list(renewed.agents[0].num_points) == [30, 40]  # one sample is no model: the first is left as it was
-    expected = gp.condition(payload_features(load.X[:40]), load.Y[:40], oracle.payload.hyper, CAPACITY)
+    conditioned = model_update.condition(model, both(load, agents), {})
+    assert int(conditioned.update_index) == int(model.update_index) + 1
+    assert int(conditioned.payload.num_points) == 40
+    assert list(conditioned.agents[0].num_points) == [30, 40]  # one sample is too few: the first body is unchanged
+    expected = gp.condition(payload_features(load.X[:40]), load.Y[:40], model.payload.hyper, CAPACITY)
     x = payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))
-    np.testing.assert_allclose(gp.mean(renewed.payload, x), gp.mean(expected, x), atol=1e-9)
-    for body in (renewed.payload, renewed.agents[0]):
-        was = oracle.payload if body is renewed.payload else oracle.agents[0]
+    np.testing.assert_allclose(gp.mean(conditioned.payload, x), gp.mean(expected, x), atol=1e-9)
+    for body in (conditioned.payload, conditioned.agents[0]):
+        was = model.payload if body is conditioned.payload else model.agents[0]
         np.testing.assert_array_equal(body.hyper.lengthscales, was.hyper.lengthscales)
 
 
-def test_of_more_samples_than_a_budget_allows_those_stay(taught):
-    """A path that was flown once is not forgotten while the team stays in one place for twice the budget."""
-    oracle, _ = taught
+def test_path_samples_are_kept_within_the_budget(trained):
+    """Samples of a path are kept although the team then stays at one point for twice the budget."""
+    model, _ = trained
     path, agents = samples(7, CAPACITY // 2, 24, 6), samples(8, 30, 24, 9, (2,))
     nothing = jax.tree.map(jnp.zeros_like, both(path, agents))
-    kept = model_update.select_samples(oracle, nothing, both(path, agents), -1.0, 5.0, 20.0, {})
+    kept = model_update.select_samples(model, nothing, both(path, agents), -1.0, 5.0, 20.0, {})
     for body, expected in model_update.samples_by_body(both(path, agents)).items():
         for one, other in zip(model_update.samples_by_body(kept)[body], expected, strict=True):
             np.testing.assert_array_equal(one, other)
@@ -256,47 +261,47 @@ def test_of_more_samples_than_a_budget_allows_those_stay(taught):
         t = jnp.asarray(10.0 * (k + 1) + 0.1 * np.arange(CAPACITY))
         here = dataclasses.replace(place, X=again[0], Y=again[1], t=t, n=jnp.asarray(CAPACITY))
         kept = model_update.select_samples(
-            oracle, kept, both(here, agents), 10.0 * (k + 1) - 1, 10.0 * (k + 2), 20.0, {}
+            model, kept, both(here, agents), 10.0 * (k + 1) - 1, 10.0 * (k + 2), 20.0, {}
         )
     _, _, t = model_update.samples_by_body(kept)["payload"]
     assert len(t) == CAPACITY
     assert (t < 5).sum() == CAPACITY // 2
-    assert t[-CAPACITY // 2 :].min() > 29  # of samples that tell the same the newest
+    assert t[-CAPACITY // 2 :].min() > 29  # of equal samples the newest
     assert [len(model_update.samples_by_body(kept)[0, j][2]) for j in range(2)] == [
         30,
         30,
-    ]  # none was taken a second time
+    ]  # no sample is selected twice
 
 
-def test_where_the_world_has_changed_samples_of_before_go_first(taught):
-    oracle, _ = taught
+def test_samples_before_a_change_point_are_dropped_first(trained):
+    model, _ = trained
     load, agents = samples(7, CAPACITY, 24, 6), samples(8, 30, 24, 9, (2,))
     one = jax.tree.map(lambda x: jnp.broadcast_to(x[:1], x.shape) if x.ndim == 2 else x, samples(9, 20, 24, 6))
     kept = model_update.select_samples(
-        oracle, jax.tree.map(jnp.zeros_like, both(load, agents)), both(load, agents), -1.0, 5.0, 20.0, {}
+        model, jax.tree.map(jnp.zeros_like, both(load, agents)), both(load, agents), -1.0, 5.0, 20.0, {}
     )
-    change = {"payload": model_update.make_change_point(oracle, "payload", 9.9)}
+    change = {"payload": model_update.make_change_point(model, "payload", 9.9)}
     later = dataclasses.replace(one, t=one.t + 10.0)
     t = model_update.samples_by_body(
-        model_update.select_samples(oracle, kept, both(later, agents), 9.0, 12.0, 20.0, change)
+        model_update.select_samples(model, kept, both(later, agents), 9.0, 12.0, 20.0, change)
     )["payload"][2]
     assert (t > 9).sum() == 20
 
 
-def test_samples_come_in_the_order_of_time_whatever_row_they(taught):
-    """A buffer whose oldest rows were overwritten is no longer in order; of a changed body only newer ones count."""
-    oracle, _ = taught
+def test_samples_are_sorted_by_time(trained):
+    """Rows of an overwritten buffer are out of order; of a changed body only newer rows count."""
+    model, _ = trained
     load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
     turned = jax.tree.map(lambda x: jnp.roll(x[:40], 13, axis=0), (load.X, load.Y, load.t))
     mixed = dataclasses.replace(load, X=turned[0], Y=turned[1], t=turned[2])
     for one, other in zip(
-        model_update.regression_targets(oracle, both(load, agents))["payload"],
-        model_update.regression_targets(oracle, both(mixed, agents))["payload"],
+        model_update.regression_targets(model, both(load, agents))["payload"],
+        model_update.regression_targets(model, both(mixed, agents))["payload"],
         strict=True,
     ):
         np.testing.assert_array_equal(one, other)
     X, Y, t = model_update.regression_targets(
-        oracle, both(mixed, agents), {"payload": model_update.make_change_point(oracle, "payload", 2.0)}
+        model, both(mixed, agents), {"payload": model_update.make_change_point(model, "payload", 2.0)}
     )["payload"]
     assert t[0] == pytest.approx(2.0)
     assert len(t) == 20
@@ -304,90 +309,90 @@ def test_samples_come_in_the_order_of_time_whatever_row_they(taught):
     np.testing.assert_array_equal(X, payload_features(load.X[20:40]))
 
 
-def test_samples_left_out_surprise_a_model_that_does_not_fit(taught):
-    """Samples left out surprise a model that does not fit them and no other."""
-    oracle, _ = taught
-    model = oracle.payload
+def test_leave_one_out_error_detects_misfit(trained):
+    """The leave-one-out error is large only for a model that does not fit."""
+    trained_model, _ = trained
+    model = trained_model.payload
     assert 0.2 < model_update.loo_normalized_error(model, 30) < 2
     each = [gp.condition(np.delete(model.X[:30], k, 0), np.delete(model.Y[:30], k, 0), model.hyper) for k in (28, 29)]
-    said = [gp.predict(one, model.X[k][None]) for one, k in zip(each, (28, 29), strict=True)]
+    predictions = [gp.predict(one, model.X[k][None]) for one, k in zip(each, (28, 29), strict=True)]
     v = np.asarray(model.hyper.noise_variance)
-    by_hand = [(model.Y[k] - m[0]) ** 2 / (s[0] + v) for (m, s), k in zip(said, (28, 29), strict=True)]
-    np.testing.assert_allclose(model_update.loo_normalized_error(model, 2), np.mean(by_hand), rtol=1e-6)
+    expected = [(model.Y[k] - m[0]) ** 2 / (s[0] + v) for (m, s), k in zip(predictions, (28, 29), strict=True)]
+    np.testing.assert_allclose(model_update.loo_normalized_error(model, 2), np.mean(expected), rtol=1e-6)
     jumps = np.asarray(model.Y[:30]) + 20.0 * (-1.0) ** np.arange(30)[:, None]
     assert model_update.loo_normalized_error(gp.condition(model.X[:30], jumps, model.hyper), 30) > 10
 
 
-def test_once_the_world_has_changed_the_map_keeps_its_shape(taught):
-    """What new samples say beyond the model is the same everywhere here: the amended one is right at the old ones."""
-    oracle, _ = taught
+def test_change_point_adds_a_constant_offset(trained):
+    """New labels differ by a constant: the offset model is correct at the old samples too."""
+    model, _ = trained
     old, more = samples(0, 30, 24, 6), np.array([3.0, -2.0, 1.0, 0.5, -0.5, 0.2])
-    there = gp.predict(oracle.payload, payload_features(old.X[:5]))[0]
+    there = gp.predict(model.payload, payload_features(old.X[:5]))[0]
     new = dataclasses.replace(
         old, Y=jnp.concatenate([there, old.Y[5:]]) + jnp.tile(more, (CAPACITY, 1)), t=old.t + 10.0
     )
     new = dataclasses.replace(new, n=jnp.asarray(5))
-    change = model_update.make_change_point(oracle, "payload", 9.0)
-    renewed = model_update.condition(oracle, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change})
-    assert int(renewed.payload.num_points) == 35
-    asked = payload_features(old.X[5:30])
-    before, after = (gp.predict(of.payload, asked)[0] for of in (oracle, renewed))
+    change = model_update.make_change_point(model, "payload", 9.0)
+    conditioned = model_update.condition(model, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change})
+    assert int(conditioned.payload.num_points) == 35
+    queries = payload_features(old.X[5:30])
+    before, after = (gp.predict(of.payload, queries)[0] for of in (model, conditioned))
     np.testing.assert_allclose(after - before, np.tile(more, (25, 1)), atol=0.1)
-    waits = model_update.condition(oracle, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change}, {"payload"})
-    assert int(waits.payload.num_points) == 30
-    moved = gp.predict(waits.payload, asked)[0] - before
-    np.testing.assert_allclose(moved, np.tile(more, (25, 1)), atol=1e-9)  # nothing but that
-    np.testing.assert_array_equal(waits.payload.alpha, oracle.payload.alpha)
+    pending = model_update.condition(model, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change}, {"payload"})
+    assert int(pending.payload.num_points) == 30
+    moved = gp.predict(pending.payload, queries)[0] - before
+    np.testing.assert_allclose(moved, np.tile(more, (25, 1)), atol=1e-9)  # only the offset
+    np.testing.assert_array_equal(pending.payload.alpha, model.payload.alpha)
     full = dataclasses.replace(samples(3, CAPACITY, 24, 6), t=old.t + 10.0)
-    alone = model_update.condition(oracle, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
-    assert int(alone.payload.num_points) == CAPACITY  # no room is left for older ones
+    alone = model_update.condition(model, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
+    assert int(alone.payload.num_points) == CAPACITY  # no capacity for older samples
     np.testing.assert_allclose(alone.payload.Y, full.Y)
 
 
-def test_drag_and_thrust_act_on_forces_and_the_payload_s_drag(taught):
-    """Drag and thrust act on forces and the payload is drag at its lever."""
-    oracle, _ = taught
-    air = mean_functions.DragThrustMean(
+def test_drag_thrust_mean(trained):
+    """Drag and thrust act on forces, and the payload's drag at its lever."""
+    model, _ = trained
+    drag_thrust = mean_functions.DragThrustMean(
         payload=jnp.array([0.5, 0.1, -0.2, 0.3]), agents=(jnp.array([[0.2, 1.5], [0.0, -1.0]]),)
     )
-    with_air = dataclasses.replace(oracle, mean_function=air)
+    with_drag_thrust = dataclasses.replace(model, mean_function=drag_thrust)
     rng = np.random.default_rng(3)
     R = Rotation.from_rotvec(rng.normal(size=(3, 3))).as_matrix()
     x = rng.normal(size=24)
     x[6:15] = R[0].reshape(9)
     W, bare = (
-        residual_model.predict_payload(with_air, jnp.asarray(x)),
-        residual_model.predict_payload(oracle, jnp.asarray(x)),
+        residual_model.predict_payload(with_drag_thrust, jnp.asarray(x)),
+        residual_model.predict_payload(model, jnp.asarray(x)),
     )
     drag = -0.5 * x[3:6]
     np.testing.assert_allclose(W.F - bare.F, drag, atol=1e-12)
     np.testing.assert_allclose(W.tau - bare.tau, np.cross([0.2, -0.4, 0.6], R[0].T @ drag), atol=1e-12)
     X = rng.normal(size=(2, 24))
     X[:, :9] = R[1:].reshape(2, 9)
-    (f,), (was,) = (residual_model.predict_agents(of, (jnp.asarray(X),)) for of in (with_air, oracle))
+    (f,), (was,) = (residual_model.predict_agents(of, (jnp.asarray(X),)) for of in (with_drag_thrust, model))
     pushed = np.array([[1.5], [-1.0]]) * R[1:, :, 2] - np.array([[0.2], [0.0]]) * X[:, 18:21]
     np.testing.assert_allclose(f.f_x - was.f_x, pushed, atol=1e-12)
     np.testing.assert_array_equal(f.f_w, was.f_w)
     load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    left = model_update.regression_targets(with_air, both(load, agents))
+    left = model_update.regression_targets(with_drag_thrust, both(load, agents))
     for k in range(3):
-        said = air.payload_mean(load.X[k])
-        np.testing.assert_allclose(left["payload"][1][k], load.Y[k] - said, atol=1e-12)
+        predictions = drag_thrust.payload_mean(load.X[k])
+        np.testing.assert_allclose(left["payload"][1][k], load.Y[k] - predictions, atol=1e-12)
         np.testing.assert_allclose(
-            left[0, 1][1][k], (agents.Y[:, k] - air.agent_means(0, agents.X[:, k]))[1], atol=1e-12
+            left[0, 1][1][k], (agents.Y[:, k] - drag_thrust.agent_means(0, agents.X[:, k]))[1], atol=1e-12
         )
 
 
-# The parametric part --------------------------------------------------------------------------------------------------
+# Parametric models ----------------------------------------------------------------------------------------------------
 
 
-def test_regression_weighs_forces_and_moments_with_ridges():
-    """Regression weighs forces and moments with ridges of their own."""
+def test_regression_has_two_ridge_parameters():
+    """Forces and moments have separate ridge parameters."""
     n, group = 40, samples(32, 40, 24, 9, (2,))
     recorded = both(samples(31, n, 18, 6), group)
-    known = ridge_regression.fit_ridge(prior(), recorded, (0.3, 3.0)).mean_function
-    bodies = [(known.payload, mean_functions.payload_basis_functions(recorded.payload.X), recorded.payload.Y)]
-    bodies += zip(known.agents[0], mean_functions.agent_basis_functions(group.X, 3), group.Y, strict=True)
+    mean_function = ridge_regression.fit_ridge(prior(), recorded, (0.3, 3.0)).mean_function
+    bodies = [(mean_function.payload, mean_functions.payload_basis_functions(recorded.payload.X), recorded.payload.Y)]
+    bodies += zip(mean_function.agents[0], mean_functions.agent_basis_functions(group.X, 3), group.Y, strict=True)
     for weights, functions, Y in bodies:
         for outputs, ridge in ((slice(0, 3), 0.3), (slice(3, None), 3.0)):
             theirs = Ridge(alpha=ridge, fit_intercept=False).fit(np.asarray(functions)[:n], np.asarray(Y)[:n, outputs])
@@ -402,8 +407,8 @@ def cloud(rng: np.random.Generator, points: int = 7) -> tuple[np.ndarray, np.nda
 
 
 @given(seed=st.integers(0, 10**6))
-def test_the_regressor_gives_the_wrench_that_moves_a_cloud(seed):
-    """The regressor gives the wrench that moves a cloud of points."""
+def test_regressor_gives_the_wrench_of_a_point_cloud(seed):
+    """The regressor gives the wrench that accelerates a cloud of points."""
     rng = np.random.default_rng(seed)
     m, c, theta = cloud(rng)
     R = Rotation.random(random_state=rng).as_matrix()
@@ -418,7 +423,7 @@ def test_the_regressor_gives_the_wrench_that_moves_a_cloud(seed):
 
 
 def motions(rng: np.random.Generator, n: int, turning: float) -> np.ndarray:
-    """Payload samples `(p, v, vec R, omega, a - g, alpha)` that turn as much as asked."""
+    """Payload samples `(p, v, vec R, omega, a - g, alpha)` with rotations of a given size."""
     X = rng.normal(size=(n, 24))
     X[:, 6:15] = Rotation.from_rotvec(turning * rng.normal(size=(n, 3))).as_matrix().reshape(n, 9)
     X[:, 15:18] *= turning
@@ -441,8 +446,8 @@ NOISE = SIGMA[:, None, None] ** 2 * np.eye(200)
 PRIOR = np.array([1.0] + [0.1] * 3 + [0.1] * 6)
 
 
-def test_identification_recovers_all_parameters_of_a_turning():
-    """Identification recovers all parameters of a turning payload."""
+def test_identification_of_a_rotating_payload():
+    """All parameters of a rotating payload are recovered."""
     rng = np.random.default_rng(7)
     theta = np.array([-0.3, 0.02, -0.05, 0.01, -0.01, 0.03, 0.02, 0.005, -0.004, 0.01])
     X = motions(rng, 200, turning=1.0)
@@ -450,12 +455,12 @@ def test_identification_recovers_all_parameters_of_a_turning():
         identification.inertial_regressors(X), labelled(rng, X, theta, SIGMA), NOISE, PRIOR
     )
     assert (left < 0.2).all()
-    assert (np.abs(found - theta) < 5 * left * PRIOR).all()  # five posterior deviations
+    assert (np.abs(found - theta) < 5 * left * PRIOR).all()  # five posterior standard deviations
     assert abs(found[0] - theta[0]) < 0.01
 
 
-def test_at_a_constant_attitude_mass_is_found_and_inertia_keeps():
-    """At a constant attitude mass is found and inertia keeps its prior."""
+def test_identification_at_constant_attitude():
+    """At a constant attitude the mass is identified and the inertia keeps its prior."""
     rng = np.random.default_rng(8)
     theta = np.array([-0.3, 0.02, -0.05, 0.0, *[0.05] * 6])
     X = motions(rng, 200, turning=0.0)
@@ -468,19 +473,21 @@ def test_at_a_constant_attitude_mass_is_found_and_inertia_keeps():
     np.testing.assert_allclose(left[4:], 1, atol=1e-12)
 
 
-def test_without_excitation_identification_stays_at_its_prior():
+def test_identification_without_excitation_is_the_prior():
     found, left = identification.identify_parameters(np.zeros((0, 6, 10)), np.zeros((0, 6)), np.zeros((6, 0, 0)), PRIOR)
     np.testing.assert_array_equal(found, 0)
     np.testing.assert_array_equal(left, 1)
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_what_is_identified_leaves_a_body_of_a_tenth(seed):
-    """By what it pushes against, `regressor` at rest: what is told best stays, and nothing goes that need not."""
+def test_physical_consistency_keeps_a_tenth_of_the_inertia(seed):
+    """By the inertia matrix from `regressor` at rest: parameters are scaled in order of identifiability, and only
+    if needed.
+    """
     rng = np.random.default_rng(seed)
     turn = Rotation.random(random_state=seed).as_matrix()
     J = turn @ np.diag(rng.uniform(0.01, 2.0, 3)) @ turn.T
-    believed = Payload(mass=jnp.asarray(rng.uniform(0.5, 5.0)), inertia=jnp.asarray(J))
+    nominal = Payload(mass=jnp.asarray(rng.uniform(0.5, 5.0)), inertia=jnp.asarray(J))
     theta = rng.normal(size=10) * np.array([1.0, *[0.2] * 3, *[0.3] * 6])
     rest = PayloadState(R=jnp.eye(3), p=jnp.zeros(3), omega=jnp.zeros(3), v=jnp.zeros(3))
 
@@ -488,9 +495,9 @@ def test_what_is_identified_leaves_a_body_of_a_tenth(seed):
         of = lambda e: regressor(rest, e[:3], e[3:]) @ theta  # noqa: E731
         return np.asarray(jax.vmap(of, out_axes=1)(jnp.eye(6)))
 
-    whole = inertia(np.array([float(believed.mass), 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]))
+    whole = inertia(np.array([float(nominal.mass), 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]))
     left = lambda theta: eigh(whole - inertia(theta), whole, eigvals_only=True)[0]  # noqa: E731
-    found = identification.enforce_physical_consistency(theta, believed)
+    found = identification.enforce_physical_consistency(theta, nominal)
     if left(theta) >= 0.1:
         np.testing.assert_allclose(found, theta, rtol=1e-12)
         return

@@ -1,4 +1,4 @@
-"""Estimation: filters, states from readings, and labels that are the true residual behind their filter."""
+"""Tests of estimation: filters, states from measurements, and labels equal to the filtered true residual."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ TICKS = 200
 
 
 @jax.jit
-def passed(x: jax.Array, hertz: jax.Array, dt: jax.Array) -> jax.Array:
-    """A signal through the low-pass, which has seen its first sample for ever."""
+def apply_low_pass(x: jax.Array, hertz: jax.Array, dt: jax.Array) -> jax.Array:
+    """Apply the low-pass in the steady state of the first sample."""
 
     def step(
-        memory: filters.SecondOrderLowPassState, sample: jax.Array
+        state: filters.SecondOrderLowPassState, sample: jax.Array
     ) -> tuple[filters.SecondOrderLowPassState, jax.Array]:
-        memory = filters.update(memory, sample, filters.smoothing_factor(hertz, dt))
-        return memory, memory.stage2
+        state = filters.update(state, sample, filters.smoothing_factor(hertz, dt))
+        return state, state.stage2
 
     return jax.lax.scan(step, filters.steady_state(x[0]), x)[1]
 
@@ -56,20 +56,20 @@ def test_the_low_pass_is_critically_damped():
     dt, hertz = 1e-4, 8.0
     t = dt * np.arange(4000)
     w = 2 * np.pi * hertz
-    rise = passed(jnp.array(np.where(t > 0, 1.0, 0.0)), jnp.array(hertz), jnp.array(dt))
+    rise = apply_low_pass(jnp.array(np.where(t > 0, 1.0, 0.0)), jnp.array(hertz), jnp.array(dt))
     np.testing.assert_allclose(rise, 1 - (1 + w * t) * np.exp(-w * t), atol=2 * w * dt)
-    np.testing.assert_allclose(passed(jnp.full(50, 3.3), jnp.array(hertz), jnp.array(dt)), 3.3, atol=1e-14)
+    np.testing.assert_allclose(apply_low_pass(jnp.full(50, 3.3), jnp.array(hertz), jnp.array(dt)), 3.3, atol=1e-14)
 
 
 def test_the_low_pass_halves_a_sine_at_its_corner():
     dt, hertz = 1e-4, 8.0
     t = dt * np.arange(10000)
-    out = np.asarray(passed(jnp.array(np.sin(2 * np.pi * hertz * t)), jnp.array(hertz), jnp.array(dt)))
+    out = np.asarray(apply_low_pass(jnp.array(np.sin(2 * np.pi * hertz * t)), jnp.array(hertz), jnp.array(dt)))
     assert np.abs(out[-1250:]).max() == pytest.approx(0.5, rel=0.01)
 
 
-def test_what_a_filter_takes_of_a_sample_is_that_of_its_time():
-    """What a filter takes of a sample is that of its time constant."""
+def test_initial_smoothing_factor():
+    """The smoothing factor of a sample is that of its time constant."""
     b = filters.smoothing_factor(jnp.array(5.0), jnp.array(DT))
     assert float(b) == pytest.approx(1 - np.exp(-2 * np.pi * 5 * DT), rel=1e-12)
     # n ticks at once or one by one: the same decay
@@ -79,10 +79,10 @@ def test_what_a_filter_takes_of_a_sample_is_that_of_its_time():
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 50])
-def test_a_rare_sample_is_taken_as_the_kalman_filter_of_a_random(ticks):
-    """The steady gain by Riccati's recursion, for the noise whose gain at every tick is b."""
+def test_irregular_smoothing_factor_is_a_kalman_gain(ticks):
+    """The steady gain by Riccati's recursion for a random walk, whose gain at every step is b."""
     b = 0.06
-    q = b * b / (1 - b)  # of the walk a tick, in variances of a sample
+    q = b * b / (1 - b)  # variance of the walk per step, relative to that of a sample
     P = 1.0
     for _ in range(3000):
         P += ticks * q
@@ -94,13 +94,13 @@ def test_a_rare_sample_is_taken_as_the_kalman_filter_of_a_random(ticks):
     assert float(filters.irregular_smoothing_factor(jnp.array(1.0), jnp.array(float(ticks)))) == 1.0
 
 
-def test_labels_that_come_now_and_then_follow_within_their_time():
-    """A constant force is known to a tenth a second after it acts where one tick in fifty has a label."""
+def test_sparse_labels_settle_in_the_same_time():
+    """With one label in fifty steps a constant force is estimated to 10 % within a second."""
     b, n = filters.smoothing_factor(jnp.array(5.0), jnp.array(DT)), 50
-    memory = filters.steady_state(jnp.zeros(()))
+    state = filters.steady_state(jnp.zeros(()))
     for _ in range(round(1 / DT / n)):
-        memory = filters.update(memory, jnp.ones(()), filters.irregular_smoothing_factor(b, jnp.array(float(n))))
-    assert float(memory.stage2) > 0.9
+        state = filters.update(state, jnp.ones(()), filters.irregular_smoothing_factor(b, jnp.array(float(n))))
+    assert float(state.stage2) > 0.9
     counted = filters.steady_state(jnp.zeros(()))
     for _ in range(round(1 / DT / n)):
         counted = filters.update(counted, jnp.ones(()), b)
@@ -111,10 +111,10 @@ CORNERS = {"complementary": 5.0, "imu_bias": 0.0, "joint": 20.0, "label": 8.0, "
 FILTERS = state_estimator.FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
 
 
-def flown(
+def constant_motion(
     noise: float, runs: int, seed: int = 0, hertz: float = 0.0
 ) -> tuple[state_estimator.NavState, state_estimator.NavState, state_estimator.NavState]:
-    """Bodies at constant rate and acceleration: truth, readings, and what the complementary filter makes of them."""
+    """Bodies at constant rate and acceleration: truth, measurements, and estimates of the complementary filter."""
     rng = np.random.default_rng(seed)
     time = 400
     omega, a = np.array([0.3, -0.5, 0.8]), np.array([0.5, 1.0, -0.4])
@@ -138,10 +138,10 @@ def flown(
     def run(read: state_estimator.NavState, gyro: jax.Array, accelerometer: jax.Array) -> state_estimator.NavState:
         def step(past: Any, now: tuple) -> tuple[Any, state_estimator.NavState]:
             measured, omega, a = now
-            # the filter takes the specific force in the body, which is told in the world here
-            felt = past[0].R.T @ a
+            # the filter takes the specific force in the body frame; here it is given in the world frame
+            specific_force = past[0].R.T @ a
             pose, bias, _, _ = state_estimator.complementary_update(
-                past, measured, omega, felt, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
+                past, measured, omega, specific_force, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), pose
 
@@ -155,15 +155,15 @@ def flown(
 
 def test_the_complementary_filter_follows_constant_rates():
     """The complementary filter follows constant rates without delay."""
-    truth, _, fused = flown(noise=0.0, runs=1)
+    truth, _, fused = constant_motion(noise=0.0, runs=1)
     for now, true in zip(jax.tree.leaves(fused), jax.tree.leaves(truth), strict=True):
         np.testing.assert_allclose(now[0], true, atol=1e-12)
 
 
-def test_the_complementary_filter_is_unbiased_and_quieter():
-    """The complementary filter is unbiased and quieter than its readings."""
+def test_the_complementary_filter_reduces_noise():
+    """The complementary filter is unbiased with less noise than the measurements."""
     runs = 400
-    truth, read, fused = flown(noise=1.0, runs=runs)
+    truth, read, fused = constant_motion(noise=1.0, runs=runs)
 
     def turn(R: jax.Array) -> np.ndarray:
         error = np.asarray(truth.R)[-1].T @ np.asarray(R)[:, -1]
@@ -176,8 +176,8 @@ def test_the_complementary_filter_is_unbiased_and_quieter():
         assert now.std(0).max() < 0.5 * raw.std(0).min()
 
 
-def test_constant_errors_of_gyroscope_and_accelerometer():
-    """At rest, turned, under gravity: 20 s with biases of 0.02 rad/s and 0.1 m/s^2 and a corner of 0.1 Hz."""
+def test_imu_biases_are_estimated():
+    """At rest under gravity: 20 s with biases of 0.02 rad/s and 0.1 m/s^2 and a corner frequency of 0.1 Hz."""
     R = jnp.array(Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix())
     gravity, off = jnp.array([0.0, 0.0, -9.81]), state_estimator.ImuBias(
         omega=jnp.array([0.02, -0.01, 0.005]), a=jnp.array([0.1, -0.05, 0.02])
@@ -188,9 +188,9 @@ def test_constant_errors_of_gyroscope_and_accelerometer():
         filters = dataclasses.replace(FILTERS, imu_bias=jnp.array(hertz))
 
         def step(past: Any, _: None) -> tuple[Any, None]:
-            felt = -R.T @ gravity + off.a
+            specific_force = -R.T @ gravity + off.a
             pose, bias, _, _ = state_estimator.complementary_update(
-                past, rest, off.omega, felt, gravity, filters, jnp.ones(()), jnp.array(DT)
+                past, rest, off.omega, specific_force, gravity, filters, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), None
 
@@ -209,37 +209,37 @@ def test_constant_errors_of_gyroscope_and_accelerometer():
 
 
 @jax.jit
-def observed(
+def run_estimator(
     team: Team,
     filters: state_estimator.FilterBandwidths,
     stream: measurement.Measurement,
     applied: tuple[AgentInput, ...],
 ) -> tuple[state_estimator.StateEstimate, state_estimator.EstimatorState]:
-    """Estimates and memories of all ticks of a stream of measurements."""
+    """Return estimates and states of all steps of a stream of measurements."""
     of = state_estimator.ComplementaryFilter(filters=filters, max_reading_age=jnp.array(0.02))
 
-    def step(memory: state_estimator.EstimatorState, m: measurement.Measurement) -> tuple:
-        q_hat, memory = of.update(team, memory, m, applied, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))
-        return memory, (q_hat, memory)
+    def step(state: state_estimator.EstimatorState, m: measurement.Measurement) -> tuple:
+        q_hat, state = of.update(team, state, m, applied, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))
+        return state, (q_hat, state)
 
     first = of.init(team, jax.tree.map(lambda leaf: leaf[0], stream))
     return jax.lax.scan(step, first, stream)[1]
 
 
-def held() -> tuple[AgentInput, ...]:
-    """A constant command."""
+def constant_inputs() -> tuple[AgentInput, ...]:
+    """Return a constant command."""
     return (AgentInput(u=jnp.full(2, 20.0), tau=jnp.zeros((2, 3)), tau_r=jnp.zeros((2, 3))),)
 
 
 @functools.cache
-def still() -> tuple[Team, State, sensors.SensedState, measurement.Measurement]:
-    """A team that moves with its joints at rest, what its sensors feel, and their reading, over and over."""
+def steady_stream() -> tuple[Team, State, sensors.SensedState, measurement.Measurement]:
+    """A moving team with joints at rest, its sensed state, and the same measurement at every step."""
     rng = np.random.default_rng(2)
     team = teams.team(rng, STRUCTURE)
     team, z = PinocchioTeam(team).on_grasp(teams.free_state(rng, STRUCTURE))
     (q,) = z.agents
     z = dataclasses.replace(z, agents=(dataclasses.replace(q, r_dot=jnp.zeros_like(q.r_dot)),))
-    a, lam = jax.jit(contact_dynamics.forward_dynamics)(team, z, held(), zero_residual(team))
+    a, lam = jax.jit(contact_dynamics.forward_dynamics)(team, z, constant_inputs(), zero_residual(team))
     truth = sensors.SensedState(
         z=z, v_dot=(a.agents[0].v_dot,), xi_dot=(a.agents[0].xi_dot,), a_L=a.payload, lam=lam, f=zero_residual(team)
     )
@@ -250,11 +250,11 @@ def still() -> tuple[Team, State, sensors.SensedState, measurement.Measurement]:
     return team, z, truth, jax.tree.map(lambda x: jnp.broadcast_to(x, (TICKS, *x.shape)), m)
 
 
-def test_the_first_estimate_of_a_noise_free_reading_is_the_truth():
-    team, z, truth, stream = still()
-    q_hat, _ = observed(team, FILTERS, stream, held())
+def test_first_estimate_without_noise_is_the_true_state():
+    team, z, truth, stream = steady_stream()
+    q_hat, _ = run_estimator(team, FILTERS, stream, constant_inputs())
     first = jax.tree.map(lambda x: x[0], q_hat)
-    # an attitude is pulled by the sine of what the body turns in a tick: (omega dt)^3 / 6 is missing
+    # the correction is the sine of the rotation per step: (omega dt)^3 / 6 is missing
     close = functools.partial(np.testing.assert_allclose, rtol=1e-6, atol=1e-6)
     jax.tree.map(close, first.agents[0], z.agents[0])
     jax.tree.map(close, first.payload, z.payload)
@@ -263,50 +263,52 @@ def test_the_first_estimate_of_a_noise_free_reading_is_the_truth():
 
 
 def test_the_joint_filter_gives_the_rate_of_a_ramp():
-    """The joint filter gives the rate of a ramp and is where it is."""
-    team, _, _, stream = still()
+    """The joint filter gives the rate of a ramp without position lag."""
+    team, _, _, stream = steady_stream()
     rate = np.array([[0.4, -0.2, 0.7], [0.1, 0.3, -0.5]])
     ramp = np.asarray(stream.agents[0].r) + DT * np.arange(TICKS)[:, None, None] * rate
     moving = dataclasses.replace(stream, agents=(dataclasses.replace(stream.agents[0], r=jnp.array(ramp)),))
-    q_hat, _ = observed(team, FILTERS, moving, held())
+    q_hat, _ = run_estimator(team, FILTERS, moving, constant_inputs())
     np.testing.assert_allclose(q_hat.agents[0].r_dot[-1], rate, rtol=1e-9)
     np.testing.assert_allclose(q_hat.agents[0].r[-1], ramp[-1], rtol=0, atol=1e-12)
 
 
-def test_poses_are_moved_by_what_accelerometers_feel():
-    """Payload and agents at constant acceleration: what is carried from reading to reading is the next reading."""
-    team, _, _, stream = still()
+def test_poses_are_propagated_by_accelerometers():
+    """Payload and agents at constant acceleration: the propagated state is the next measurement."""
+    team, _, _, stream = steady_stream()
     a = jnp.array([0.5, -1.0, 2.0])
-    felt = a - team.gravity
+    specific_force = a - team.gravity
 
     def falling(t: jax.Array, m: measurement.Measurement) -> measurement.Measurement:
         load, (agents,) = m.payload, m.agents
         shift, speed = t**2 / 2 * a, t * a
-        load = dataclasses.replace(load, p=load.p + shift, v=speed, omega=0 * load.omega, a=load.R.T @ felt)
+        load = dataclasses.replace(load, p=load.p + shift, v=speed, omega=0 * load.omega, a=load.R.T @ specific_force)
         agents = dataclasses.replace(
             agents,
             x=agents.x + shift[None],
             v=jnp.tile(speed, (2, 1)),
             omega=0 * agents.omega,
-            a=jnp.einsum("aji,j->ai", agents.R, felt),
+            a=jnp.einsum("aji,j->ai", agents.R, specific_force),
         )
         return dataclasses.replace(m, payload=load, agents=(agents,))
 
     moving = jax.vmap(falling)(DT * jnp.arange(TICKS, dtype=float), stream)
-    slow = dataclasses.replace(FILTERS, complementary=jnp.array(0.01))  # so that readings pull next to nothing
-    q_hat, memory = observed(team, slow, moving, held())
+    slow = dataclasses.replace(
+        FILTERS, complementary=jnp.array(0.01)
+    )  # so that corrections by measurements are negligible
+    q_hat, state = run_estimator(team, slow, moving, constant_inputs())
     np.testing.assert_allclose(q_hat.payload.v, moving.payload.v, atol=1e-10)
     np.testing.assert_allclose(q_hat.payload.p, moving.payload.p, atol=1e-10)
-    np.testing.assert_allclose(memory.agents[0].base.v, moving.agents[0].v, atol=1e-10)
-    np.testing.assert_allclose(memory.agents[0].base.x, moving.agents[0].x, atol=1e-10)
+    np.testing.assert_allclose(state.agents[0].base.v, moving.agents[0].v, atol=1e-10)
+    np.testing.assert_allclose(state.agents[0].base.x, moving.agents[0].x, atol=1e-10)
 
 
 def test_estimates_and_labels_use_past_readings_only():
-    team, _, _, stream = still()
+    team, _, _, stream = steady_stream()
     rng = np.random.default_rng(4)
-    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
-    other = jax.tree.map(lambda a, b: jnp.concatenate([a[:120], b[120:]]), shaken, stream)
-    now, then = (observed(team, FILTERS, s, held()) for s in (shaken, other))
+    noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    other = jax.tree.map(lambda a, b: jnp.concatenate([a[:120], b[120:]]), noisy, stream)
+    now, then = (run_estimator(team, FILTERS, s, constant_inputs()) for s in (noisy, other))
     for a, b in zip(jax.tree.leaves(now), jax.tree.leaves(then), strict=True):
         np.testing.assert_array_equal(a[:120], b[:120])
     assert np.abs(now[1].label.stage2[-1] - then[1].label.stage2[-1]).max() > 1e-3
@@ -316,7 +318,7 @@ def test_estimates_and_labels_use_past_readings_only():
 
 
 def low_pass(x: np.ndarray, hertz: float, dt: float) -> np.ndarray:
-    """One first-order filter, sample by sample."""
+    """First-order filter, sample by sample."""
     b, y, out = 1 - np.exp(-2 * np.pi * hertz * dt), x[0], []
     for sample in x:
         y = y + b * (sample - y)
@@ -324,52 +326,52 @@ def low_pass(x: np.ndarray, hertz: float, dt: float) -> np.ndarray:
     return np.array(out)
 
 
-def test_the_inputs_of_the_learned_maps_pass_the_labels_filter():
-    """What is paired with a label is as old as the label: payload and agents, every input, every tick."""
-    team, _, _, stream = still()
+def test_model_inputs_have_the_delay_of_labels():
+    """Inputs of payload and agents pass the same filters as labels, at every step."""
+    team, _, _, stream = steady_stream()
     rng = np.random.default_rng(5)
-    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
-    q_hat, memory = observed(team, FILTERS, shaken, held())
-    felt = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
-    payload = jax.vmap(flatten_payload_state)(q_hat.payload, jnp.asarray(felt))
+    noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    q_hat, state = run_estimator(team, FILTERS, noisy, constant_inputs())
+    specific_force = np.asarray(q_hat.a_L) - np.concatenate([team.gravity, np.zeros(3)])
+    payload = jax.vmap(flatten_payload_state)(q_hat.payload, jnp.asarray(specific_force))
     agents = jax.vmap(jax.vmap(flatten_agent_state))(q_hat.agents[0])
-    for inputs, found in ((payload, memory.inputs.stage2), (agents, memory.agents[0].inputs.stage2)):
+    for inputs, found in ((payload, state.inputs.stage2), (agents, state.agents[0].inputs.stage2)):
         expected = low_pass(low_pass(np.asarray(inputs), 8.0, DT), 8.0, DT)
         scale = np.abs(inputs).max()
         np.testing.assert_allclose(found, expected, atol=1e-10 * scale)
         assert np.abs(inputs - expected).max() > 1e-3
 
 
-def test_what_the_payload_needs_passes_a_copy_of_the_tips():
-    """So that it is as late as the forces that it is compared with."""
-    team, _, _, stream = still()
+def test_modelled_wrench_has_the_tip_force_filter():
+    """The modelled wrench has the same delay as the contact forces with which it is compared."""
+    team, _, _, stream = steady_stream()
     rng = np.random.default_rng(6)
-    shaken = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
-    q_hat, memory = observed(team, FILTERS, shaken, held())
-    needed = jax.vmap(inverse_dynamics.payload_inverse_dynamics, in_axes=(None, 0, 0, 0))(
+    noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    q_hat, state = run_estimator(team, FILTERS, noisy, constant_inputs())
+    required = jax.vmap(inverse_dynamics.payload_inverse_dynamics, in_axes=(None, 0, 0, 0))(
         team.payload, q_hat.a_L[:, :3] - team.gravity[None], q_hat.a_L[:, 3:], q_hat.payload.omega
     )
-    expected = low_pass(np.concatenate([needed.F, needed.tau], axis=1), 50.0, DT)
-    np.testing.assert_allclose(memory.modelled_wrench, expected, atol=1e-10 * np.abs(expected).max())
+    expected = low_pass(np.concatenate([required.F, required.tau], axis=1), 50.0, DT)
+    np.testing.assert_allclose(state.modelled_wrench, expected, atol=1e-10 * np.abs(expected).max())
 
 
-def labels(plan: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Recorded labels of payload and agents of 1.5 s of flight, and the filtered true residual at the same times."""
+def recorded_labels(experiment: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Labels of payload and agents of a flight of 1.5 s, and the filtered true residual at the same times."""
     every = dataclasses.replace(
-        plan.controller.recorder,
+        experiment.controller.recorder,
         sample_period=number(0.01), start=number(0.3), payload=jnp.array(True), agents=jnp.array(True),
     )  # fmt: skip
-    plan = dataclasses.replace(paper_flights.with_pilot(plan, recorder=every), dt=dt)
-    world, filters = plan.world, plan.controller.estimator.filters
-    loop, flown, room = simulator.reset(plan.loop_config, plan.initial_state), [], 250
+    experiment = dataclasses.replace(paper_flights.with_controller(experiment, recorder=every), dt=dt)
+    world, filters = experiment.world, experiment.controller.estimator.filters
+    loop, flown, room = simulator.reset(experiment.loop_config, experiment.initial_state), [], 250
     noise = world.sample_noise(jax.random.key(0), room)
     for _ in range(round(1.5 / dt) // room):
-        loop, rows = simulator.rollout(plan.loop_config, loop, noise, jnp.array(room))
+        loop, rows = simulator.rollout(experiment.loop_config, loop, noise, jnp.array(room))
         flown.append(rows)
     z, inputs = paper_flights.states(world.team, jax.tree.map(lambda *x: np.concatenate(x), *flown))
-    # a tick's readings are taken under the command of the tick before
+    # measurements of a step follow from the command of the previous step
     z, inputs = jax.tree.map(lambda x: x[1:], z), jax.tree.map(lambda x: x[:-1], inputs)
-    _, f = paper_flights.answer(plan, z, inputs)
+    _, f = paper_flights.accelerations_and_residuals(experiment, z, inputs)
     (g,), load, data = f.agents, loop.controller.recorder.payload, loop.controller.recorder.agents[0]
     y = np.concatenate([f.payload.F, f.payload.tau, *(x.reshape(len(x), -1) for x in (g.f_x, g.f_w, g.f_r))], axis=1)
     for hertz in (float(filters.tip_force), float(filters.label), float(filters.label)):
@@ -384,25 +386,25 @@ def labels(plan: flight.Experiment, dt: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.long
-def test_without_noise_labels_converge_to_the_filtered_true():
-    """With all delays but the labels' own filter a multiple of the tick, the error is first order in the tick."""
+def test_labels_converge_to_the_filtered_true_residual():
+    """Without noise, with delays that are multiples of the step, the error is first order in the step."""
     errors = []
     for dt in (0.002, 0.001):
-        plan = paper_flights.exact(paper_flights.plan("C1"))
+        experiment = paper_flights.with_exact_sensors(paper_flights.paper_experiment("C1"))
         quick = number(0.4 / dt)
-        plan = paper_flights.with_filters(plan, joint=quick, tip_force=quick)
-        sensors = dataclasses.replace(plan.world.sensors, tip_force_bandwidth=quick)
-        y, expected = labels(paper_flights.with_world(plan, sensors=sensors), dt)
+        experiment = paper_flights.with_filters(experiment, joint=quick, tip_force=quick)
+        sensors = dataclasses.replace(experiment.world.sensors, tip_force_bandwidth=quick)
+        y, expected = recorded_labels(paper_flights.with_world(experiment, sensors=sensors), dt)
         errors.append(np.sqrt(((y - expected) ** 2).mean(0)))
     coarse, fine = errors
     most = np.repeat([1e-6, 3e-4, 3e-4, 2e-4], [3, 3, 6, 12])  # N, N m, of the payload and of the agents
     assert (coarse < most).all()
-    np.testing.assert_allclose(fine, coarse / 2, rtol=0.1, atol=1e-6)  # of the payload's force nothing is left
+    np.testing.assert_allclose(fine, coarse / 2, rtol=0.1, atol=1e-6)  # no error of the payload's force
 
 
-def test_without_noise_the_filters_of_the_study_err_by_less():
-    """Without noise the filters of the study err by less than its label noise."""
-    y, expected = labels(paper_flights.quiet(paper_flights.plan("C1")), 0.002)
+def test_filter_error_of_the_study_is_below_label_noise():
+    """Without noise, the filters of the study have a smaller error than its label noise."""
+    y, expected = recorded_labels(paper_flights.without_noise(paper_flights.paper_experiment("C1")), 0.002)
     error = np.sqrt(((y - expected) ** 2).mean(0))
     load, agents = (getattr(paper_flights.SETTINGS.learning, body).noise_std for body in ("payload", "agents"))
     stated = [load.force_N, load.moment_Nm, agents.force_N, agents.moment_Nm, agents.joint_torque_Nm]

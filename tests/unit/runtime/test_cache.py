@@ -1,4 +1,4 @@
-"""Where compiled programs are kept, and that nothing fails where they cannot be."""
+"""Tests of the compilation cache: its folder, and computation without it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ RUN = (
 FOLDER, LEAST = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
 
 
-def process(code: str, *flags: str, **environment: str) -> tuple[str, str]:
-    """What a fresh process prints, and says."""
+def run_process(code: str, *flags: str, **environment: str) -> tuple[str, str]:
+    """Run code in a new process and return its output and messages."""
     kept = {key: value for key, value in os.environ.items() if not key.startswith(("JAX_", "XDG_"))}
     done = subprocess.run(
         [sys.executable, *flags, "-c", code], capture_output=True, text=True, timeout=300, env=kept | environment
@@ -27,7 +27,7 @@ def process(code: str, *flags: str, **environment: str) -> tuple[str, str]:
     return done.stdout.strip(), done.stderr.strip()
 
 
-def test_the_folder_is_the_user_s(tmp_path, monkeypatch):
+def test_cache_folder_follows_the_environment(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "own"))
     assert cache.cache_directory("x") == tmp_path / "own" / "colift" / "x"
     assert cache.cache_directory("x").is_dir()
@@ -37,7 +37,7 @@ def test_the_folder_is_the_user_s(tmp_path, monkeypatch):
         assert cache.cache_directory("y") == tmp_path / ".cache" / "colift" / "y"
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path, monkeypatch):
+def test_uncreatable_folder_is_named(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(cache.CacheUnavailable, match=r"file/colift/x: Not a directory"):
@@ -48,45 +48,45 @@ def no_home() -> Path:
     raise RuntimeError("Could not determine home directory.")
 
 
-def test_a_user_without_a_home_is_told(monkeypatch):
+def test_missing_home_folder_is_reported(monkeypatch):
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", no_home)
     with pytest.raises(cache.CacheUnavailable, match="no home folder"):
         cache.cache_directory("x")
 
 
-def test_programs_that_cannot_be_kept_run_and_one_line_says_so(tmp_path):
+def test_unwritable_cache_gives_one_warning(tmp_path):
     (tmp_path / "file").touch()
-    printed, said = process(RUN.format(FOLDER), "-W", "error", XDG_CACHE_HOME=str(tmp_path / "file"))
+    printed, messages = run_process(RUN.format(FOLDER), "-W", "error", XDG_CACHE_HOME=str(tmp_path / "file"))
     assert printed == "7.0 None"
-    assert len(said.splitlines()) == 1
-    assert "cannot be kept" in said
+    assert len(messages.splitlines()) == 1
+    assert "cannot be kept" in messages
 
 
-def test_programs_in_a_folder_that_is_only_read_are_read(tmp_path):
-    """`access` is replaced, as a superuser may write anywhere."""
-    process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
+def test_read_only_cache_is_read(tmp_path):
+    """`access` is replaced, since a superuser may write anywhere."""
+    run_process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
     before = sorted(tmp_path.rglob("*"))
     read = "import os; os.access = lambda *_, **__: False; import jax, logging; "
     read += "jax.monitoring.register_event_listener(lambda event, **_: print(event.split('/')[-1])); "
-    printed, said = process(read + RUN.format(LEAST), "-W", "error", XDG_CACHE_HOME=str(tmp_path))
+    printed, messages = run_process(read + RUN.format(LEAST), "-W", "error", XDG_CACHE_HOME=str(tmp_path))
     assert "cache_hits" in printed
     assert printed.endswith("7.0 inf")
-    ours = [line for line in said.splitlines() if "cpu_aot_loader.cc" not in line]  # that is jaxlib 0.10.1's
+    ours = [line for line in messages.splitlines() if "cpu_aot_loader.cc" not in line]  # that is jaxlib 0.10.1's
     assert len(ours) == 1
-    process(read + RUN.format(LEAST).replace("3.0", "5.0"), XDG_CACHE_HOME=str(tmp_path))
+    run_process(read + RUN.format(LEAST).replace("3.0", "5.0"), XDG_CACHE_HOME=str(tmp_path))
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_damaged_programs_are_compiled_anew(tmp_path):
-    """JAX checks what it reads, warns, and goes on."""
-    process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
+def test_damaged_programs_are_compiled_again(tmp_path):
+    """JAX verifies what it reads, warns, and continues."""
+    run_process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
     kept = [path for path in (tmp_path / "colift" / "jax").iterdir() if path.name.endswith("-cache")]
     whole = {path: path.read_bytes() for path in kept}
     assert kept
     for damage in (lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b[:-9] + bytes(9)):
         for path in kept:
             path.write_bytes(damage(whole[path]))
-        printed, said = process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
+        printed, messages = run_process(RUN.format(FOLDER), XDG_CACHE_HOME=str(tmp_path))
         assert printed.startswith("7.0")
-        assert "Error reading persistent compilation cache entry" in said
+        assert "Error reading persistent compilation cache entry" in messages

@@ -1,4 +1,4 @@
-"""A request to end ends the process: where the work looks, and where it does not."""
+"""Tests of interruption: signals end the work at its check points, or after a grace period."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ def work():
 """
 
 
-def ended(code: str) -> subprocess.CompletedProcess[str]:
-    """A process that runs some code, to its end."""
+def run_to_end(code: str) -> subprocess.CompletedProcess[str]:
+    """Run code in a process to its end."""
     return subprocess.run(
         [sys.executable, "-c", BEGIN + code], capture_output=True, text=True, check=False, timeout=100
     )
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_work_ends_where_it_looks_and_is_cleared_up(number: signal.Signals):
-    done = ended(f"""
+def test_work_ends_at_a_check_point_and_cleans_up(number: signal.Signals):
+    done = run_to_end(f"""
 with signals.handle_signals(), signals.on_exit(lambda: print("cleared")):
     ask({number})
     work()
@@ -43,9 +43,9 @@ print("went on")
     assert (done.returncode, done.stdout, done.stderr) == (128 + number, "cleared\n", "")
 
 
-def test_an_exception_dropped_in_a_garbage_collection_drops():
-    """As JAX's callback does, where Python's own handler raises KeyboardInterrupt, and the run goes on."""
-    done = ended("""
+def test_signal_during_garbage_collection_is_not_lost():
+    """Python's default handler would raise KeyboardInterrupt in a callback, where it is discarded."""
+    done = run_to_end("""
 def collected(phase, info):
     if phase == "start" and not asked:
         asked.append(True)
@@ -70,12 +70,12 @@ def deaf():
             signals.raise_if_interrupted()
             time.sleep(0.01)
         except BaseException:
-            pass  # as deaf as a compiler
+            pass  # without check points, as a compiler
 """
 
 
-def test_work_that_does_not_look_is_ended_after_the_grace():
-    done = ended(
+def test_work_without_check_points_ends_after_grace_period():
+    done = run_to_end(
         BUSY
         + """
 signals.GRACE_PERIOD = 0.2
@@ -88,8 +88,8 @@ with signals.handle_signals(), signals.on_exit(Cleared()):
     assert done.stderr == "terminated before the current step was complete; all written files are complete\n"
 
 
-def test_a_second_signal_ends_at_once():
-    done = ended(
+def test_second_signal_ends_immediately():
+    done = run_to_end(
         BUSY
         + """
 signals.GRACE_PERIOD = 1000.0
@@ -102,10 +102,10 @@ with signals.handle_signals(), signals.on_exit(Cleared()):
     assert (done.returncode, done.stdout) == (130, "cleared\n")
 
 
-def test_whatever_ends_the_work_after_the_request_the_status():
-    """A compiler that the same Ctrl-C kills fails, and its failure is not the news."""
+def test_status_after_request_is_130():
+    """Other errors after the request, for example of a compiler that the same Ctrl-C ends, do not change the status."""
     for how in ("raise OSError('the compiler was killed')", "sys.exit(0)", "pass"):
-        done = ended(f"""
+        done = run_to_end(f"""
 with signals.handle_signals():
     ask()
     while not signals._received:
@@ -115,8 +115,8 @@ with signals.handle_signals():
         assert (done.returncode, done.stdout, done.stderr) == (130, "", ""), how
 
 
-def test_other_signals_and_ignored_ones_ask_for_nothing():
-    done = ended("""
+def test_other_and_ignored_signals_have_no_effect():
+    done = run_to_end("""
 signal.signal(signal.SIGTERM, signal.SIG_IGN)
 signal.signal(signal.SIGUSR1, lambda *_: None)
 with signals.handle_signals():
@@ -130,7 +130,7 @@ print("went on")
     assert (done.returncode, done.stdout, done.stderr) == (0, "went on\n", "")
 
 
-def test_handlers_are_restored_and_errors_pass(monkeypatch: pytest.MonkeyPatch):
+def test_handlers_are_restored_and_errors_propagate(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(signals, "SIGNALS", (signal.SIGTERM, signal.SIGUSR1))  # SIGINT may be ignored
     before = [signal.getsignal(number) for number in signals.SIGNALS]
     threads = threading.active_count()
@@ -144,7 +144,7 @@ def test_handlers_are_restored_and_errors_pass(monkeypatch: pytest.MonkeyPatch):
     signals.raise_if_interrupted()
 
 
-def test_off_the_main_thread_no_signal_is_taken():
+def test_no_handlers_outside_the_main_thread():
     before, seen = signal.getsignal(signal.SIGTERM), []
 
     def elsewhere() -> None:
@@ -157,7 +157,7 @@ def test_off_the_main_thread_no_signal_is_taken():
     assert seen == [before]
 
 
-def test_without_a_command_line_there_is_nothing_to_heed():
+def test_check_without_handlers_returns_immediately():
     began = time.monotonic()
     signals.raise_if_interrupted()
     assert time.monotonic() - began < 1

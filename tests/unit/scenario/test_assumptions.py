@@ -1,4 +1,4 @@
-"""What error bounds rest on: what a scenario states, and what of it holds by construction."""
+"""Tests of the assumptions of error bounds: values stated by a scenario, and which hold by construction."""
 
 import numpy as np
 import pytest
@@ -9,28 +9,29 @@ from colift.scenario import ScenarioError, assumptions, experiment, team
 from tests.support.varied_scenarios import changed
 
 
-def test_error_bounds_rest_on_what_the_scenario_states():
+def test_bound_assumptions_have_the_stated_values():
     s = scenario.load_scenario("paper")
     _, nominal = team.team(s)
     stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
-    given = s.certificate
+    certificate = s.certificate
     assert (stated.bound, stated.confidence, stated.rkhs_norm) == ("energy", 0.95, 6)
-    assert given.payload_label_error is not None
-    assert given.agent_label_error is not None
+    assert certificate.payload_label_error is not None
+    assert certificate.agent_label_error is not None
     np.testing.assert_array_equal(
-        stated.payload, [given.payload_label_error.force_N] * 3 + [given.payload_label_error.moment_Nm] * 3
+        stated.payload,
+        [certificate.payload_label_error.force_N] * 3 + [certificate.payload_label_error.moment_Nm] * 3,
     )
     row = (
-        [given.agent_label_error.force_N] * 3
-        + [given.agent_label_error.moment_Nm] * 3
-        + [given.agent_label_error.joint_torque_Nm] * 3
+        [certificate.agent_label_error.force_N] * 3
+        + [certificate.agent_label_error.moment_Nm] * 3
+        + [certificate.agent_label_error.joint_torque_Nm] * 3
     )
     np.testing.assert_array_equal(stated.agents[0], [row, row])
-    assert stated.assumed == ("rkhs norm", "bounded noise energy")  # of a team among winds nobody knows them
+    assert stated.assumed == ("rkhs norm", "bounded noise energy")  # unknown for a team in wind
 
 
-def test_label_errors_that_are_not_stated_are_three_deviations():
-    """Label errors that are not stated are three deviations of the prior is noise."""
+def test_default_label_errors_are_three_std():
+    """Label errors that are not stated are three standard deviations of the prior noise."""
     s = changed("paper", certificate={})
     _, nominal = team.team(s)
     stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
@@ -40,8 +41,8 @@ def test_label_errors_that_are_not_stated_are_three_deviations():
     np.testing.assert_allclose(stated.agents[0], [row, row])
 
 
-def test_in_the_certified_scenario_nothing_is_assumed_unless():
-    """In the certified scenario nothing is assumed unless it is changed."""
+def test_certified_scenario_assumes_nothing():
+    """A changed certified scenario has unproven assumptions."""
 
     def assumed(**sections: object) -> tuple[str, ...]:
         return experiment.make_experiment(changed("certified", **sections), "C1").bound_assumptions.assumed
@@ -70,7 +71,7 @@ def test_in_the_certified_scenario_nothing_is_assumed_unless():
     assert assumed(certificate={"rkhs_norm": norm, "payload_label_error": small}) == ("bounded noise energy",)
 
 
-def test_a_label_error_of_zero_is_refused():
+def test_zero_label_error_is_refused():
     learning = scenario.load_scenario("certified").learning.model_dump() | {"rig_label_error": 0.0}
     with pytest.raises(ScenarioError, match=r"certificate: label error .* must be positive"):
         experiment.make_experiment(changed("certified", learning=learning), "C1")

@@ -1,4 +1,4 @@
-"""What flies, from settings: units, internal forces, what is refused."""
+"""Tests of controllers from settings: units, internal forces, refusals."""
 
 import jax
 import jax.numpy as jnp
@@ -12,14 +12,14 @@ from tests.support.varied_scenarios import changed
 
 
 @pytest.mark.parametrize("name", scenario.shipped_names())
-def test_internal_forces_of_shipped_scenarios_are_felt_and_leave(name):
-    """Internal forces of shipped scenarios are felt and leave the wrench alone."""
+def test_internal_forces_leave_the_wrench_unchanged(name):
+    """Internal forces of shipped scenarios change contact forces and not the wrench."""
     s = scenario.load_scenario(name)
     if s.allocation.internal is None:
         pytest.skip("asks for none")
     _, nominal = team.team(s)
-    plan, internal = controllers.allocation(s, nominal)
-    lam = np.asarray(plan.nullspace @ internal.eta)
+    experiment, internal = controllers.allocation(s, nominal)
+    lam = np.asarray(experiment.nullspace @ internal.eta)
     assert np.linalg.norm(lam) >= 1
     assert np.linalg.norm(lam.reshape(-1, 3), axis=1).max() >= 0.5
     G = np.asarray(grasp.grasp_matrix(grasp.contact_points(nominal), jnp.eye(3)))
@@ -27,8 +27,8 @@ def test_internal_forces_of_shipped_scenarios_are_felt_and_leave(name):
     assert (float(internal.start), float(internal.end)) == (8, 14)
 
 
-def test_asking_for_internal_forces_that_do_not_exist():
-    """Asking for internal forces that do not exist is an error that says so."""
+def test_missing_internal_forces_are_refused():
+    """A request of internal forces that do not exist is an error that states so."""
     leaders = {"kind": "leader_follower", "leader_contacts": ["front/left", "front/right", "rear/left"]}
     internal = scenario.load_scenario("paper").allocation.internal
     assert internal is not None
@@ -39,26 +39,26 @@ def test_asking_for_internal_forces_that_do_not_exist():
         controllers.allocation(changed("paper", allocation=leaders | {"internal": internal.model_dump()}), nominal)
 
 
-def test_a_leader_block_that_cannot_carry_every_wrench():
+def test_leader_block_without_full_rank_is_refused():
     """A leader block that cannot carry every wrench is refused."""
     s = changed("paper", allocation={"kind": "leader_follower", "leader_contacts": ["front/left", "front/right"]})
     with pytest.raises(ScenarioError, match="rank 5"):
         controllers.allocation(s, team.team(s)[1])
 
 
-def test_sensors_and_pilot_are_in_SI():
+def test_sensors_and_controller_are_in_SI():
     s = scenario.load_scenario("paper")
     noise = world.make_sensor_noise(s)
     np.testing.assert_allclose(noise.attitude, 0.2 * np.pi / 180)
     np.testing.assert_allclose(noise.joint_position, 0.1 * np.pi / 180)
-    pilot = controllers.make_controller(s, team.team(s)[1])
-    np.testing.assert_allclose(pilot.recorder.sample_period, 1 / s.learning.sample_Hz)
-    np.testing.assert_array_equal(pilot.payload_controller.gains.K_p, np.diag(s.control.K_p))
-    assert not bool(pilot.recorder.payload)
-    assert all(leaf.dtype in (jnp.float64, int, bool) and not leaf.weak_type for leaf in jax.tree.leaves(pilot))
+    controller = controllers.make_controller(s, team.team(s)[1])
+    np.testing.assert_allclose(controller.recorder.sample_period, 1 / s.learning.sample_Hz)
+    np.testing.assert_array_equal(controller.payload_controller.gains.K_p, np.diag(s.control.K_p))
+    assert not bool(controller.recorder.payload)
+    assert all(leaf.dtype in (jnp.float64, int, bool) and not leaf.weak_type for leaf in jax.tree.leaves(controller))
 
 
-def test_a_look_ahead_is_the_realizer_s_and_the_pilot_s():
+def test_preview_step_selects_the_preview_controller():
     settings = scenario.load_scenario("paper")
     far = settings.model_copy(update={"control": settings.control.model_copy(update={"preview_step_s": 0.03})})
     _, nominal = team.team(settings)

@@ -1,4 +1,4 @@
-"""What settings are told that a run will take, against what it does take."""
+"""Tests of the sizes that validation predicts against those of a run."""
 
 import re
 
@@ -13,7 +13,7 @@ from tests.support.varied_scenarios import mixed
 
 
 @pytest.mark.parametrize("name", ["paper", "mixed"])
-def test_the_log_is_no_larger_than_the_settings_are_told(name):
+def test_predicted_log_size_is_an_upper_bound(name):
     s = mixed() if name == "mixed" else scenario.load_scenario(name)
     agents, contacts = len(s.agents), len(team.contact_names(s))
     joints = len(team.joint_names(s))
@@ -23,9 +23,9 @@ def test_the_log_is_no_larger_than_the_settings_are_told(name):
     assert 0.8 * log_size(s.model_dump()) < logged <= log_size(s.model_dump())
 
 
-def test_the_models_have_as_many_outputs_as_the_settings():
-    """The models have as many outputs as the settings are told."""
+def test_predicted_number_of_outputs_is_exact():
+    """Validation predicts the number of model outputs."""
     s = mixed().model_copy(update={"learning": mixed().learning.model_copy(update={"max_samples": 3})})
-    oracle = priors.prior_model(s, team.team(s)[1])
-    W = [oracle.payload.inverse_cholesky, *(model.inverse_cholesky for model in oracle.agents)]
+    prior_model = priors.prior_model(s, team.team(s)[1])
+    W = [prior_model.payload.inverse_cholesky, *(model.inverse_cholesky for model in prior_model.agents)]
     assert sum(matrices.size for matrices in W) == 3**2 * model_outputs(s.model_dump())

@@ -1,4 +1,4 @@
-"""Waypoints from a table: the same as in the file, and every mistake with the table's line."""
+"""Tests of waypoints from a table: equal to those in the file, and errors with the line of the table."""
 
 import re
 from pathlib import Path
@@ -28,7 +28,7 @@ def refused(folder: Path, table: str | bytes, reference: str = "{kind: waypoints
     return [line.partition(": reference")[2].lstrip(".") for line in lines]
 
 
-def test_a_table_is_the_same_as_poses_in_the_file(tmp_path):
+def test_table_equals_poses_in_the_file(tmp_path):
     table = read(tmp_path, f"\ufeff{HEAD}\r\n0,0,0,1\r\n\r\n4,1,0,1.5\r\n")
     poses = "{kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 1]}, {time_s: 4, position_m: [1, 0, 1.5]}]}"
     assert table == read(tmp_path, "", poses)
@@ -40,21 +40,21 @@ def test_a_table_is_the_same_as_poses_in_the_file(tmp_path):
     ("table", "says"),
     [
         ("time_s,x_m,y_m\n", "file: 'way.csv': line 1: column z_m is required"),
-        (f"{HEAD},yaw_deg\n", "file: 'way.csv': line 1: roll_deg, pitch_deg, yaw_deg come together"),
-        (f"{HEAD},x_m\n", "file: 'way.csv': line 1: column x_m stands twice"),
+        (f"{HEAD},yaw_deg\n", "file: 'way.csv': line 1: roll_deg, pitch_deg, yaw_deg must occur together"),
+        (f"{HEAD},x_m\n", "file: 'way.csv': line 1: column x_m occurs twice"),
         (f"{HEAD},w_m\n", "file: 'way.csv': line 1: 'w_m' is not a column (time_s, "),
         (f"{HEAD}\n0,0,0,1\n5,a,0,1\n", "file: 'way.csv': line 3: x_m: must be a number, got 'a'"),
         (f"{HEAD}\n0,0,0,1\n5,1,0\n", "file: 'way.csv': line 3: must have 4 values, got 3"),
         (f"{HEAD}\n0,0,0,1\n5,1e9,0,1\n", "file: 'way.csv': line 3: position_m[0] [m]: must be from -10000 to 10000"),
         (f"{HEAD}\n0,0,0,1\n5,nan,0,1\n", "file: 'way.csv': line 3: position_m[0] [m]: must be finite, got nan"),
-        (f"{HEAD}\n0,0,0,1\n", "file: 'way.csv': must hold two poses or more, got 1"),
+        (f"{HEAD}\n0,0,0,1\n", "file: 'way.csv': must contain at least two poses, got 1"),
         (HEAD + "".join(f"\n{i},0,0,1" for i in range(101)), "file: 'way.csv': line 102: at most 100 poses"),
         (f'{HEAD}\n0,0,0,"1\n', "file: 'way.csv': cannot be read: unexpected end of data"),
         (b"\xff\xfe\x00", "file: 'way.csv': cannot be read: 'utf-8' codec can't decode byte 0xff"),
         (f"{HEAD}\n5,0,0,1\n5,1,0,1\n", "poses[1].time_s [s]: must be 0.01 s or more after the pose before, 5, got 5"),
     ],
 )
-def test_mistakes_in_a_table_are_told_with_its_line(tmp_path, table, says):
+def test_errors_in_a_table_state_its_line(tmp_path, table, says):
     (line,) = refused(tmp_path, table)
     assert line.startswith(says)
 
@@ -67,11 +67,11 @@ def test_mistakes_in_a_table_are_told_with_its_line(tmp_path, table, says):
         ("{kind: waypoints, file: way.csv, poses: []}", "poses: is not a setting here"),
     ],
 )
-def test_mistakes_about_a_table_are_told(tmp_path, reference, says):
+def test_errors_about_a_table_are_reported(tmp_path, reference, says):
     (line,) = refused(tmp_path, f"{HEAD}\n0,0,0,1\n5,1,0,1\n", reference)
     assert line.startswith(says)
 
 
-def test_a_list_is_not_called_too_short_for_its_bad_entries(tmp_path):
+def test_invalid_entries_do_not_count_as_missing(tmp_path):
     poses = "{kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 1]}, {time_s: a, position_m: [1, 0, 1.5]}]}"
     assert refused(tmp_path, "", poses) == ["poses[1].time_s [s]: must be a number, got 'a'"]

@@ -1,4 +1,4 @@
-"""Where shipped scenarios start: on the manifold, off the reference as stated."""
+"""Test of initial states of shipped scenarios: on the manifold, off the reference as stated."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,8 +15,8 @@ LONG = {"beam", "seven", "leader_block"}  # longer to build than a test should t
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.long] * (name in LONG)) for name in scenario.shipped_names()]
 )
-def test_shipped_scenarios_start_on_the_manifold_as_far_off(name):
-    """Shipped scenarios start on the manifold as far off as they say."""
+def test_initial_states_are_on_the_manifold(name):
+    """Shipped scenarios start on the manifold with the stated offset from the reference."""
     s = scenario.load_scenario(name)
     truth, _ = team.team(s)
     z = initial_states.initial_state(s, truth)

@@ -1,4 +1,4 @@
-"""Scenario files: what is accepted, and that every mistake is told, with its place."""
+"""Tests of scenario files: accepted forms, and every error with its place."""
 
 import io
 import re
@@ -24,15 +24,15 @@ SAMPLE = (Path(__file__).parents[2] / "support" / "sample_scenario.yaml").read_t
 BODY = {"mass_kg": 1.0}
 
 
-def mistakes(text: str) -> list[str]:
-    """The lines with which a text is refused."""
+def error_lines(text: str) -> list[str]:
+    """Return the lines of the error of a text."""
     with pytest.raises(ScenarioError) as refused:
         scenario.parse(text, "s.yaml")
     return str(refused.value).splitlines()
 
 
 def numbers(node: object, place: str = "") -> list[tuple[str, int, int]]:
-    """`(path, line, column)` of every number in a YAML tree, lines from 1."""
+    """Return `(path, line, column)` of every number in a YAML tree, lines from 1."""
     found = []
     if isinstance(node, CommentedMap):
         items = [(f".{key}", node.lc.value(key), value) for key, value in node.items()]
@@ -55,7 +55,7 @@ KEYS = sorted(
 )
 
 
-# What is accepted -----------------------------------------------------------------------------------------------------
+# Accepted files -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", scenario.shipped_names())
@@ -66,7 +66,7 @@ def test_shipped_scenarios_load_by_name_and_by_path(name, tmp_path):
     assert scenario.load_scenario(name).name == name
 
 
-def test_the_study_has_what_the_paper_and_the_design_fix():
+def test_study_has_the_values_of_the_paper():
     s = scenario.load_scenario("paper")
     assert {"paper", "leader_block"} <= set(scenario.shipped_names())
     assert len(s.agents) == 2
@@ -92,8 +92,8 @@ def test_the_study_has_what_the_paper_and_the_design_fix():
     assert s.nominal.payload.mass_kg == 1.2
 
 
-def test_settings_do_not_change_and_their_digest_tells_them():
-    """Settings do not change and their digest tells them apart."""
+def test_settings_are_immutable_and_have_a_digest():
+    """Settings are immutable, and different settings have different digests."""
     s = scenario.load_scenario("paper")
     with pytest.raises(ValidationError):
         s.seed = 1  # ty: ignore[invalid-assignment]
@@ -103,7 +103,7 @@ def test_settings_do_not_change_and_their_digest_tells_them():
     assert other.digest != s.digest
 
 
-def test_settings_survive_a_round_trip_through_plain_data():
+def test_settings_round_trip_through_plain_data():
     s = scenario.load_scenario("paper")
     assert Scenario.model_validate(s.model_dump()) == s
     assert Scenario.model_validate_json(s.model_dump_json()) == s
@@ -111,7 +111,7 @@ def test_settings_survive_a_round_trip_through_plain_data():
 
 @given(st.integers(0, 2**32 - 1))
 def test_inertia_of_any_rigid_body_is_accepted(seed):
-    """Inertia of any rigid body is accepted in each of its forms."""
+    """The inertia of any rigid body is accepted in each of its forms."""
     points = np.random.default_rng(seed).normal(size=(5, 3))
     points -= points.mean(0)
     J = (points**2).sum() * np.eye(3) - points.T @ points
@@ -126,7 +126,7 @@ def test_inertia_of_any_rigid_body_is_accepted(seed):
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["negative", "triangle", "asymmetric"]))
-def test_inertia_that_no_rigid_body_has_is_refused(seed, flaw):
+def test_unphysical_inertia_is_refused(seed, flaw):
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(0.5, 2, 2)
     Q = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -143,15 +143,15 @@ def test_inertia_that_no_rigid_body_has_is_refused(seed, flaw):
 
 
 @pytest.mark.parametrize("axis", [[0, 0, 0], [0.0, -0.0, 0.0]])
-def test_an_axis_has_a_direction(axis):
+def test_zero_axis_is_refused(axis):
     body = BODY | {"inertia_kgm2": [1, 1, 1]}
     with pytest.raises(ScenarioError, match="must not be zero"):
         Revolute.model_validate({"name": "j", "type": "revolute", "axis": axis, "body": body})
 
 
-# Mistakes -------------------------------------------------------------------------------------------------------------
+# Errors ---------------------------------------------------------------------------------------------------------------
 
-WRONG = [  # what is written, what instead, the line that answers
+WRONG = [  # original text, replacement, line of the error
     (
         "mass_kg: 1.5, inertia_kgm2: [0.02",
         "mass_kg: -1.5, inertia_kgm2: [0.02",
@@ -177,7 +177,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("acts_on: front", "acts_on: frnt", "disturbances[4].acts_on: 'frnt' is not the payload"),
     ("acts_on: front", "acts_on: payload", "disturbances[4].acts_on: rotor_bias acts on agents"),
     ("acts_on: front", "acts_on: front, body: lft", "disturbances[4].body: 'lft' is not a body of agent 'front'"),
-    ("name: tether,", "name: tether, body: waist,", "disturbances[1].body: must be left out"),
+    ("name: tether,", "name: tether, body: waist,", "disturbances[1].body: must be omitted"),
     ("name: tether,", "name: load_wind,", "disturbances[1].name: 'load_wind' is used twice"),
     ("name: rear,", "name: front,", "agents[1].name: 'front' is used twice"),
     ("name: rear,", "name: payload,", "agents[1].name: 'payload' has a meaning of its own"),
@@ -191,7 +191,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("name: left, joint: left", "name: left, joint: lift", "arms[0].joint: 'lift' is not a body of this agent type"),
     ("rear/right, 1.0", "rear/righ, 1.0", "pairs[1][1]: 'rear/righ' is not a contact"),
     ("[rear/left, rear/right", "[rear/left, rear/left", "pairs[1][1]: must be another contact"),
-    ("ramp_time_s: 0.5", "ramp_time_s: 5", "internal.ramp_time_s [s]: two flanks must fit"),
+    ("ramp_time_s: 0.5", "ramp_time_s: 5", "internal.ramp_time_s [s]: two ramps must fit"),
     ("[2.5, 4.5, 6.5", "[2.5, 6.5, 4.5", "update_times_s[2] [s]: must exceed the one before, 6.5, got 4.5"),
     ("[2.5, 4.5", "[0.2, 4.5", "update_times_s[0] [s]: must exceed start_s = 0.5"),
     ("  end_s: 10\n", "  end_s: 30\n", "learning.end_s [s]: must not exceed duration_s = 20, got 30"),
@@ -201,7 +201,7 @@ WRONG = [  # what is written, what instead, the line that answers
     ("seed: 0", f"seed: {'9' * 5000}", "seed: is not a number that can be read"),
     ("seed: 0", f"seed: 0x{'f' * 5000}", "got a whole number of 20000 bits"),
     ("seed: 0", "seed: !!bool foo", "s.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
-    ("seed: 0", "seed: 0\nseed: 1", "s.yaml:7: seed: stands twice, in lines 7 and 8"),
+    ("seed: 0", "seed: 0\nseed: 1", "s.yaml:7: seed: occurs twice, in lines 7 and 8"),
     ("seed: 0", "1: 0", "scenario: the name of a setting must be text, got '1' in line 7"),
     ("seed: 0", "<<: 0", "scenario: `<<` takes a section, or a list of them, got '0'"),
     ("name: sample", 'name: "\\ud800"', "name: holds characters that are not text"),
@@ -266,25 +266,25 @@ WRONG = [  # what is written, what instead, the line that answers
 
 
 @pytest.mark.parametrize(("written", "instead", "answer"), WRONG)
-def test_a_mistake_is_answered_in_words(written, instead, answer):
+def test_error_messages(written, instead, answer):
     assert SAMPLE.count(written) >= 1
-    lines = mistakes(SAMPLE.replace(written, instead, 1))
+    lines = error_lines(SAMPLE.replace(written, instead, 1))
     assert any(answer in line for line in lines), lines
 
 
-def test_what_follows_from_a_mistake_is_not_told_beside_it():
-    assert len(mistakes(SAMPLE.replace("seed: 0", "seed: !!bool foo"))) == 1
-    assert len(mistakes(SAMPLE.replace("max_samples: 256", "max_samples: 1e6"))) == 1
+def test_consequential_errors_are_not_reported():
+    assert len(error_lines(SAMPLE.replace("seed: 0", "seed: !!bool foo"))) == 1
+    assert len(error_lines(SAMPLE.replace("max_samples: 256", "max_samples: 1e6"))) == 1
 
 
-def test_of_very_many_mistakes_the_first_are_told_and_the_others():
-    """Of very many mistakes the first are told and the others counted."""
-    lines = mistakes(SAMPLE + "\n".join(f"a{i}: 1" for i in range(500)))
+def test_many_errors_are_truncated_and_counted():
+    """Of very many errors the first are reported and the others counted."""
+    lines = error_lines(SAMPLE + "\n".join(f"a{i}: 1" for i in range(500)))
     assert len(lines) == 101
-    assert lines[-1] == "and 400 more mistakes"
+    assert lines[-1] == "and 400 more errors"
 
 
-def test_all_mistakes_are_told_at_once_in_the_order_of_the_file():
+def test_all_errors_are_reported_in_file_order():
     text = SAMPLE
     for written, instead in [
         ("thrust_max_N", "thrust_mx_N"),
@@ -292,7 +292,7 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file():
         ("K_p: 5", "K_p: -5"),
     ]:
         text = text.replace(written, instead)
-    lines = mistakes(text)
+    lines = error_lines(text)
     assert len(lines) == 4  # the misspelt setting is also missing
     numbered = [int(line.split(":")[1]) for line in lines]
     assert numbered == sorted(numbered)
@@ -300,24 +300,24 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file():
 
 
 @pytest.mark.parametrize(("path", "line", "column"), NUMBERS[::3], ids=lambda x: str(x))
-def test_a_mistake_is_told_at_its_place(path, line, column):
+def test_error_states_its_place(path, line, column):
     rows = SAMPLE.splitlines()
     rows[line - 1] = rows[line - 1][:column] + "oops_" + rows[line - 1][column:]
-    told = mistakes("\n".join(rows))
-    assert any(told_line.startswith(f"s.yaml:{line}: {path}") and "'oops_" in told_line for told_line in told), told
+    lines = error_lines("\n".join(rows))
+    assert any(told_line.startswith(f"s.yaml:{line}: {path}") and "'oops_" in told_line for told_line in lines), lines
 
 
 @given(st.sampled_from(KEYS), st.integers(1, 3), st.booleans())
 @settings(max_examples=40)
-def test_a_misspelt_setting_is_recognized(key, at, double):
+def test_misspelled_setting_gets_a_suggestion(key, at, double):
     wrong = key[:at] + (key[at] + key[at] if double else "") + key[at + 1 :]
     text = re.sub(rf"(?<![A-Za-z_0-9]){key}:", f"{wrong}:", SAMPLE, count=1)
     assume(wrong not in KEYS and text != SAMPLE)
-    told = mistakes(text)
-    assert any(f"{wrong}" in line and f"did you mean '{key}'?" in line for line in told), told
+    lines = error_lines(text)
+    assert any(f"{wrong}" in line and f"did you mean '{key}'?" in line for line in lines), lines
 
 
-# What is set instead --------------------------------------------------------------------------------------------------
+# Overrides ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -332,20 +332,20 @@ def test_a_misspelt_setting_is_recognized(key, at, double):
         ("description= a = b", ("A scenario for tests.\n", "a = b\n")),
     ],
 )
-def test_what_is_set_reads_as_if_it_were_written(change, instead):
+def test_override_equals_the_same_text_in_the_file(change, instead):
     written = SAMPLE.replace("# A scenario for tests:", "#").replace(*instead, 1)
     assert written != SAMPLE
     assert scenario.parse(SAMPLE, "s.yaml", (change,)) == scenario.parse(written, "s.yaml")
 
 
-def test_of_what_is_set_twice_the_last_counts():
+def test_last_override_counts():
     assert scenario.load_scenario("paper", ("payload.mass_kg=2", "payload.mass_kg=3")).payload.mass_kg == 3
     assert scenario.load_scenario(
         "paper", ("payload={mass_kg: 2, inertia_kgm2: [1, 1, 1]}", "payload.mass_kg=3")
     ).payload == (scenario.load_scenario("paper", ("payload.mass_kg=3", "payload.inertia_kgm2=[1, 1, 1]")).payload)
 
 
-def test_what_is_set_mends_what_the_file_says_wrong():
+def test_override_replaces_an_invalid_value():
     assert scenario.parse(SAMPLE.replace("duration_s: 20", "duration_s: x"), "s.yaml", ("duration_s=20",)) == (
         scenario.parse(SAMPLE, "s.yaml")
     )
@@ -364,16 +364,19 @@ def test_what_is_set_mends_what_the_file_says_wrong():
         ("payload=[2", "--set payload: not valid YAML"),
         ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
         ("=2", "--set '=2': must be `path=value`"),
-        ("agents.2.name=a", "--set agents.2.name: '2' is none of the list's entries 0 to 1"),
-        ("agents.side.name=a", "--set agents.side.name: 'side' is none of the list's entries 0 to 1 ('front', 'rear')"),
-        ("agents.0.contact_positions_m.rear=1", "'rear' is none of the list's entries 0 to 1"),
-        ("agents.0.contact_positions_m.0.3=1", "'3' is none of the list's entries 0 to 2"),
+        ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1, got '2'"),
+        (
+            "agents.side.name=a",
+            "--set agents.side.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got 'side'",
+        ),
+        ("agents.0.contact_positions_m.rear=1", "must be one of the list's entries 0 to 1, got 'rear'"),
+        ("agents.0.contact_positions_m.0.3=1", "must be one of the list's entries 0 to 2, got '3'"),
         ("duration_s.x=1", "--set duration_s.x: duration_s is 20, which holds no settings"),
         ("a" + ".a" * 2000 + "=1", "is nested more than 20 deep"),
         ("duration_s=5", "s.yaml:96: learning.end_s [s]: must not exceed duration_s = 5, got 10"),
     ],
 )
-def test_a_mistake_in_what_is_set_says_so_in_one_line(change, answer):
+def test_invalid_override_gives_one_line(change, answer):
     with pytest.raises(ScenarioError) as refused:
         scenario.parse(SAMPLE, "s.yaml", (change,))
     (line,) = str(refused.value).splitlines()
@@ -381,7 +384,7 @@ def test_a_mistake_in_what_is_set_says_so_in_one_line(change, answer):
 
 
 @pytest.mark.parametrize("name", scenario.shipped_names())
-def test_what_is_written_out_reads_back_the_same(name):
+def test_yaml_round_trip(name):
     settings = scenario.load_scenario(name, ("gravity_mps2=[0, 0, -1.62e-5]", "description='a: b # c'"))
     assert scenario.parse(scenario.to_yaml(settings), "s.yaml") == settings
 
@@ -389,8 +392,8 @@ def test_what_is_written_out_reads_back_the_same(name):
 # Files ----------------------------------------------------------------------------------------------------------------
 
 
-def test_a_file_may_say_only_where_it_differs(tmp_path):
-    """Sections by setting, entries of lists by name, and a section of another kind as a whole; twice over."""
+def test_file_may_extend_another(tmp_path):
+    """Sections merge by setting, entries of lists by name, sections of another kind as a whole; also over two files."""
     one, two = tmp_path / "one.yaml", tmp_path / "two.yaml"
     one.write_text(
         "schema: 2\nextends: paper\nname: one\npayload: {mass_kg: 2}\ndisturbances:\n"
@@ -428,13 +431,13 @@ def test_a_file_may_say_only_where_it_differs(tmp_path):
         ),
     ],
 )
-def test_what_is_wrong_in_a_file_that_is_like_another_is_told(text, answer, tmp_path):
-    """What is wrong in a file that is like another is told at its line."""
+def test_errors_in_an_extending_file_state_its_line(text, answer, tmp_path):
+    """Errors in a file that extends another one state its line."""
     path = tmp_path / "own.yaml"
     path.write_text(text)
-    with pytest.raises(scenario.ScenarioError) as told:
+    with pytest.raises(scenario.ScenarioError) as lines:
         scenario.load_scenario(path)
-    assert answer in str(told.value)
+    assert answer in str(lines.value)
 
 
 def test_an_unknown_name_lists_the_shipped_scenarios():
@@ -445,7 +448,7 @@ def test_an_unknown_name_lists_the_shipped_scenarios():
     assert "\n" not in str(e.value)
 
 
-def test_what_cannot_be_read_is_one_line(tmp_path):
+def test_unreadable_file_gives_one_line(tmp_path):
     binary, folder = tmp_path / "binary.yaml", tmp_path / "folder"
     binary.write_bytes(b"\xff\xfe\x00")
     folder.mkdir()
@@ -482,22 +485,22 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         "ok: 1\nb: \x07",
     ],
 )
-def test_what_is_no_mapping_or_no_yaml_is_one_line(text):
-    """What is no mapping or no yaml is one line with its number."""
-    (line,) = mistakes(text)
+def test_invalid_yaml_gives_one_line(text):
+    """Text that is no mapping or no YAML gives one line with its number."""
+    (line,) = error_lines(text)
     assert re.match(r"s\.yaml:\d+: \S", line)
     assert len(line) < 300
 
 
 @pytest.mark.parametrize("given", ["", "a\0b.yaml", "a" * 5000, "a" * 5000 + ".yaml", "\ud800"])
-def test_a_name_that_no_file_can_have_is_one_line(given):
+def test_invalid_file_name_gives_one_line(given):
     with pytest.raises(ScenarioError) as e:
         scenario.load_scenario(given)
     assert "\n" not in str(e.value)
     assert len(str(e.value)) < 400
 
 
-def test_ways_of_writing_that_mean_the_same_are_read_alike(tmp_path):
+def test_equivalent_notations_are_read_alike(tmp_path):
     plain = scenario.parse(SAMPLE, "s.yaml")
     merged = SAMPLE.replace("payload: {mass_kg: 1.5,", "payload: {<<: {mass_kg: 9}, mass_kg: 1.5,", 1)
     for text in ("\ufeff" + SAMPLE, SAMPLE.replace("\n", "\r\n"), "%YAML 1.1\n---\n" + SAMPLE, merged):
@@ -517,8 +520,8 @@ NESTED = st.recursive(
 
 @given(st.sampled_from(sorted(Scenario.model_fields)), NESTED)
 @settings(max_examples=25, suppress_health_check=[HealthCheck.too_slow])
-def test_whatever_a_section_holds_the_answer_is_a_list(section, value):
-    """Whatever a section holds the answer is a list of mistakes."""
+def test_any_section_content_gives_a_list_of_errors(section, value):
+    """Any content of a section gives a list of errors."""
     data = YAML(typ="safe").load(SAMPLE) | {section: value}
     stream = io.StringIO()
     YAML(typ="safe").dump(data, stream)
@@ -530,7 +533,7 @@ def test_whatever_a_section_holds_the_answer_is_a_list(section, value):
         assert isinstance(parsed, Scenario)
 
 
-# In Python ------------------------------------------------------------------------------------------------------------
+# Settings in Python ---------------------------------------------------------------------------------------------------
 
 PAPER = scenario.load_scenario("paper")
 
@@ -549,7 +552,7 @@ PAPER = scenario.load_scenario("paper")
         ),
     ],
 )
-def test_settings_made_in_python_are_refused_in_the_same_words(change, answer):
+def test_python_settings_have_the_same_errors(change, answer):
     data = PAPER.model_dump() | change
     for make in (
         lambda: Scenario(**data),
@@ -561,7 +564,7 @@ def test_settings_made_in_python_are_refused_in_the_same_words(change, answer):
         assert "pydantic" not in str(e.value)
 
 
-def test_sections_made_in_python_are_refused_in_the_same_words():
+def test_python_sections_have_the_same_errors():
     kind = PAPER.agent_types["two_arms"].model_dump()
     with pytest.raises(ScenarioError, match=r"^arms: must have at least 1 value, got 0 values$"):
         AgentType(**kind | {"arms": []})
@@ -577,13 +580,13 @@ def test_sections_made_in_python_are_refused_in_the_same_words():
 # Documentation --------------------------------------------------------------------------------------------------------
 
 
-def test_the_reference_page_is_what_the_models_say():
+def test_settings_page_is_up_to_date():
     page = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text(encoding="utf-8")
-    told = page.partition("<!-- settings -->\n")[2]
-    assert told.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
+    lines = page.partition("<!-- settings -->\n")[2]
+    assert lines.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
         "rebuild it: .venv/bin/python docs/settings.py"
     )
-    missing = [line for line in told.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
-    assert not missing, "settings without a sentence"
-    cells = [line.split("|")[2] for line in told.split("## Ranges")[0].splitlines() if line.startswith("| `")]
+    missing = [line for line in lines.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
+    assert not missing, "settings without a description"
+    cells = [line.split("|")[2] for line in lines.split("## Ranges")[0].splitlines() if line.startswith("| `")]
     assert not [cell for cell in cells if re.search(r"number(?! from | between )", cell)], "numbers without a range"

@@ -60,8 +60,8 @@ def former_structure(data: dict) -> dict:
 
 def below(section: str, key: str) -> str:
     path = f"{section}.{key}" if section else key
-    known = any(name == path or name.startswith(f"{path}.") for name in RENAMED)
-    return path if known or not section else f"{section}.*"
+    is_renamed = any(name == path or name.startswith(f"{path}.") for name in RENAMED)
+    return path if is_renamed or not section else f"{section}.*"
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,4 +1,4 @@
-"""Number and use of the settings, and the fields that replace constants of algorithms."""
+"""Tests of number and use of the settings, and of fields that replace constants of algorithms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Teams from settings: groups, names, frames and order, against the numbers written elsewhere."""
+"""Tests of teams from settings: groups, names, frames and order against independent numbers."""
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ def test_the_study_has_the_reference_team():
     np.testing.assert_array_equal(nominal.payload.inertia, np.diag([0.03, 0.12, 0.15]))
 
 
-def test_agents_of_one_structure_form_a_group_and_names_follow():
+def test_agents_are_grouped_by_structure_and_names_follow():
     truth, nominal = team.team(mixed())
     assert team.agent_names(mixed()) == ("a", "c", "b")
     assert team.contact_names(mixed()) == ("a/a0", "c/a0", "b/a0", "b/a1")
@@ -40,6 +40,6 @@ def test_agents_of_one_structure_form_a_group_and_names_follow():
     assert truth.agent_groups[0].mass[1, 1] == nominal.agent_groups[0].mass[0, 1] == 0.1
 
 
-def test_roll_pitch_yaw_are_about_the_fixed_axes_in_this_order():
+def test_roll_pitch_yaw_are_about_fixed_axes():
     expected = Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_matrix()
     np.testing.assert_allclose(team.team(mixed())[0].agent_groups[0].joint_rotation[1, 0], expected, atol=1e-15)

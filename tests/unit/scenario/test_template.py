@@ -1,4 +1,4 @@
-"""Scenarios to begin with: that they are read, and that `check` finds them sound."""
+"""Tests of scenario templates: they are valid, and `check` passes."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ ARM = """<link name="{name}"><inertial><origin xyz="0 0 -0.05"/><mass value="0.1
 """
 
 
-def test_what_is_written_is_sound(tmp_path: Path):
-    """The smallest team; `./dev evidence starts` has larger ones, and flies them."""
+def test_template_passes_the_preflight_check(tmp_path: Path):
+    """The smallest team; `./dev evidence starts` has larger ones and simulates them."""
     agents, arms = 3, 0
     file = tmp_path / "my_team.yaml"
     written = CliRunner().invoke(app, ["init", str(file), "--agents", str(agents), "--arms", str(arms)])
@@ -45,7 +45,7 @@ def test_what_is_written_is_sound(tmp_path: Path):
 
 @pytest.mark.parametrize("arms", [0, 1, 2])
 @pytest.mark.parametrize("agents", [2, 3, 5, 12])
-def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, arms: int):
+def test_vehicles_are_apart_and_on_their_contacts(agents: int, arms: int):
     if arms < 2 and agents < 3:
         with pytest.raises(ValueError, match=rf"--agents 2: must be from 3 to 100 with --arms {arms}"):
             template.scenario_template("t", agents, arms)
@@ -59,7 +59,7 @@ def test_vehicles_stand_apart_around_the_plate_on_their_contacts(agents: int, ar
 
 
 @pytest.mark.parametrize(("agents", "arms"), [(1, 2), (0, 2), (101, 1), (3, 3), (3, -1)])
-def test_a_team_that_cannot_be_is_refused_in_one_line(agents: int, arms: int, tmp_path: Path):
+def test_impossible_team_is_refused_in_one_line(agents: int, arms: int, tmp_path: Path):
     file = tmp_path / "t.yaml"
     done = CliRunner().invoke(app, ["init", str(file), "--agents", str(agents), "--arms", str(arms)])
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
@@ -67,7 +67,7 @@ def test_a_team_that_cannot_be_is_refused_in_one_line(agents: int, arms: int, tm
     assert not file.exists()
 
 
-def test_nothing_is_overwritten_and_the_ending_is_yaml(tmp_path: Path):
+def test_no_file_is_overwritten_and_suffix_is_yaml(tmp_path: Path):
     file = tmp_path / "mine.yaml"
     file.write_text("mine")
     done = CliRunner().invoke(app, ["init", str(file)])
@@ -79,7 +79,7 @@ def test_nothing_is_overwritten_and_the_ending_is_yaml(tmp_path: Path):
 
 
 @pytest.mark.parametrize(("stem", "name"), [("team", "team"), ("my team", "my_team"), ("2nd", "_2nd"), ("Ä", "_")])
-def test_any_file_s_name_gives_a_scenario_s(stem: str, name: str):
+def test_any_file_name_gives_a_scenario_name(stem: str, name: str):
     assert template.scenario_name(Path("there") / f"{stem}.yaml") == name
     assert scenario.parse(template.scenario_template(name, 2, 2), "t.yaml").name == name
 
@@ -90,7 +90,7 @@ def urdf(folder: Path, *arms: str) -> Path:
     return file
 
 
-def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
+def test_urdf_vehicle_has_its_tips_on_the_plate(tmp_path: Path):
     upper = ARM.format(name="upper", parent="base", x=0.1)
     file = urdf(tmp_path, upper, ARM.format(name="lower", parent="upper", x=0.05))
     made = tmp_path / "teams" / "mine.yaml"
@@ -105,8 +105,10 @@ def test_a_vehicle_from_urdf_stands_with_its_hands_on_the_plate(tmp_path: Path):
     assert np.abs(np.asarray(z.agents[0].r)).max() < 1e-6
 
 
-def test_arms_that_are_straight_at_zero_are_bent(tmp_path: Path):
-    """The paper's own vehicle, by way of a URDF file: both arms hang straight down there, where none can follow."""
+def test_straight_arms_are_bent(tmp_path: Path):
+    """The paper's vehicle as a URDF file: both arms are vertical at zero, where their tips cannot follow the
+    payload.
+    """
     assert CliRunner().invoke(app, ["export", "urdf", "paper", "--out", str(tmp_path)]).exit_code == 0
     made = tmp_path / "mine.yaml"
     done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(tmp_path / "two_arms.urdf"), "--agents", "2"])
@@ -119,8 +121,8 @@ def test_arms_that_are_straight_at_zero_are_bent(tmp_path: Path):
     assert all(condition < 20 for condition in remedies.grasp_jacobian_conditions(settings, truth, z).values())
 
 
-def test_where_no_bend_lets_arms_follow_joints_stay_at_zero(tmp_path: Path):
-    """Two planar arms about one axis: nothing turns their tips apart sideways."""
+def test_joints_stay_at_zero_if_no_bend_helps(tmp_path: Path):
+    """Two planar arms about one axis: no joint motion separates their tips sideways."""
     hands = [ARM.format(name=name, parent="base", x=x) for name, x in (("ahead", 0.1), ("behind", -0.1))]
     lower = [ARM.format(name=f"{name} lower", parent=name, x=0.0) for name in ("ahead", "behind")]
     made = tmp_path / "mine.yaml"
@@ -131,21 +133,21 @@ def test_where_no_bend_lets_arms_follow_joints_stay_at_zero(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("given", "answer"),
+    ("arguments", "answer"),
     [
         (["--agents", "2"], "--agents 2: each holds the payload at 1, and three contacts are needed"),
-        (["--agents", "3", "--arms", "1"], "--arms 1: must be left out with --urdf"),
+        (["--agents", "3", "--arms", "1"], "--arms 1: must be omitted with --urdf"),
         (["--agents", "101"], "--agents 101: must be at most 100"),
     ],
 )
-def test_what_a_urdf_file_does_not_go_with_is_refused(given: list[str], answer: str, tmp_path: Path):
+def test_options_incompatible_with_urdf_are_refused(arguments: list[str], answer: str, tmp_path: Path):
     made = tmp_path / "mine.yaml"
-    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(urdf(tmp_path)), *given])
+    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(urdf(tmp_path)), *arguments])
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
     assert answer in done.stderr
 
 
-def test_a_urdf_file_that_is_none_is_told_with_its_place(tmp_path: Path):
+def test_invalid_urdf_file_is_reported_with_its_place(tmp_path: Path):
     bad = tmp_path / "bad.urdf"
     bad.write_text("<robot>")
     for file, answer in ((bad, "bad.urdf:1"), (tmp_path / "none.urdf", "none.urdf")):

@@ -1,4 +1,4 @@
-"""Actuators: lag and delay in closed form, limits, and a mixer that keeps thrust before tilt before yaw."""
+"""Tests of actuators: lag and delay in closed form, limits, and a mixer that keeps thrust before tilt before yaw."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLOCK = ControlClock(t=jnp.array(0.0), dt=jnp.array(DT))
 
 
 def command(u: float, tau: object = (0.0, 0.0, 0.0)) -> actuators.TeamInputs:
-    """The same of two agents; a joint follows the thrust."""
+    """Commands of two equal agents; a joint follows the thrust."""
     both = jnp.tile(jnp.array(tau, dtype=float), (2, 1))
     return (AgentInput(u=jnp.full(2, u, dtype=float), tau=both, tau_r=jnp.full((2, 1), u, dtype=float)),)
 
@@ -28,36 +28,36 @@ def free() -> actuators.BoxLimits:
     return actuators.BoxLimits(thrust_max=jnp.full(2, 1e3), torque_max=jnp.full(2, jnp.inf))
 
 
-def played(of: actuators.IdealActuators, commands: list[actuators.TeamInputs]) -> list[AgentInput]:
-    """What acts, tick by tick, after the first command has acted for ever."""
-    memory, out = of.init(commands[0]), []
+def outputs(of: actuators.IdealActuators, commands: list[actuators.TeamInputs]) -> list[AgentInput]:
+    """Return the outputs step by step, starting in the steady state of the first command."""
+    state, out = of.init(commands[0]), []
     for each in commands:
-        (acting,), memory = of(each, memory, CLOCK)
+        (acting,), state = of(each, state, CLOCK)
         out.append(acting)
     return out
 
 
-def test_ideal_actuators_do_what_they_are_told():
-    for acting, (told,) in zip(
-        played(actuators.IdealActuators(), [command(3), command(5)]), [command(3), command(5)], strict=True
+def test_ideal_actuators_output_the_command():
+    for acting, (reported,) in zip(
+        outputs(actuators.IdealActuators(), [command(3), command(5)]), [command(3), command(5)], strict=True
     ):
-        jax.tree.map(np.testing.assert_array_equal, acting, told)
+        jax.tree.map(np.testing.assert_array_equal, acting, reported)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 4])
-def test_a_step_arrives_after_the_delay_and_rises_as_a_first(delay):
-    """A step arrives after the delay and rises as a first order lag."""
+def test_step_response_is_delayed_first_order_lag(delay):
+    """A step is delayed and rises as a first-order lag."""
     hertz, ticks = 8.0, 40
     motors = actuators.LaggedMotors(lag=ActuatorLag(bandwidth=jnp.array(hertz), delay=delay), limits=(free(),))
     step = [command(10), *[command(20, (1.0, -2.0, 0.5))] * ticks]
-    for k, acting in enumerate(played(motors, step)):
+    for k, acting in enumerate(outputs(motors, step)):
         risen = 1 - np.exp(-2 * np.pi * hertz * DT * max(0, k - delay))
         np.testing.assert_allclose(acting.u, 10 + 10 * risen, rtol=1e-12)
         np.testing.assert_allclose(acting.tau[0], risen * np.array([1.0, -2.0, 0.5]), atol=1e-12)
-        np.testing.assert_array_equal(acting.tau_r, step[k][0].tau_r)  # joints are not the motors'
+        np.testing.assert_array_equal(acting.tau_r, step[k][0].tau_r)  # joints have no motor lag
 
 
-def test_a_box_limits_thrust_and_torque():
+def test_box_limits_thrust_and_torque():
     box = actuators.BoxLimits(thrust_max=jnp.array([5.0, 50.0]), torque_max=jnp.array([1.0, 0.1]))
     u, tau = box(jnp.array([7.0, -1.0]), jnp.array([[2.0, -0.5, -3.0], [0.05, 0.2, -0.2]]))
     np.testing.assert_array_equal(u, [5.0, 0.0])
@@ -72,8 +72,8 @@ wrenches = st.tuples(st.floats(-5, 40), *[st.floats(-3, 3)] * 2, st.floats(-0.6,
 
 
 @given(count=st.sampled_from([4, 6, 8]), asked=wrenches)
-def test_rotors_stay_within_their_limits_and_give_up_yaw_first(count, asked):
-    """Rotors stay within their limits and give up yaw first then tilt."""
+def test_rotor_limits_reduce_yaw_before_tilt(count, asked):
+    """Rotors stay within their limits and reduce yaw first, then tilt."""
     of = ring(count)
     u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
     got = np.concatenate([np.asarray(u), np.asarray(tau)[0]])
@@ -85,7 +85,7 @@ def test_rotors_stay_within_their_limits_and_give_up_yaw_first(count, asked):
     np.testing.assert_allclose(got[0], np.clip(asked[0], 0, 5 * count), atol=1e-9)  # thrust first
     # tilt keeps its direction and its sign, and so does yaw; neither grows
     tilt = np.linalg.norm(asked[1:3])
-    k = got[1:3] @ asked[1:3] / tilt**2 if tilt > 1e-9 else 1.0  # of less, any share is the same to 1e-9
+    k = got[1:3] @ asked[1:3] / tilt**2 if tilt > 1e-9 else 1.0  # for less, all shares agree to 1e-9
     np.testing.assert_allclose(got[1:3], k * asked[1:3], atol=1e-9)
     slack = 1e-9 + 1e-14 / max(tilt, 1e-9)  # a torque is rounded to 1e-14 N m
     assert -slack <= k <= 1 + slack
@@ -97,7 +97,7 @@ def test_rotors_stay_within_their_limits_and_give_up_yaw_first(count, asked):
 
 
 @given(asked=wrenches)
-def test_of_four_rotors_tilt_and_yaw_are_the_most_that_can(asked):
+def test_four_rotors_attain_maximal_tilt_and_yaw(asked):
     """Against a linear program: first the largest share of the tilt at that thrust, then the largest of the yaw."""
     of = ring(4)
     _, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
@@ -117,7 +117,7 @@ def test_of_four_rotors_tilt_and_yaw_are_the_most_that_can(asked):
 
 
 @given(count=st.sampled_from([4, 6]), asked=wrenches)
-def test_what_the_rotors_can_give_they_give(count, asked):
+def test_feasible_commands_are_realized(count, asked):
     of = ring(count)
     f = np.asarray(of.mixer) @ asked
     if f.min() >= 0 and f.max() <= 5:
@@ -128,6 +128,6 @@ def test_what_the_rotors_can_give_they_give(count, asked):
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
-def test_rings_that_cannot_turn_about_every_axis_are_refused(count):
+def test_uncontrollable_rotor_rings_are_refused(count):
     with pytest.raises(ValueError, match="must be even and at least 4"):
         actuators.ring_mixer(count, 0.3, 0.02, jnp.array([5.0]))

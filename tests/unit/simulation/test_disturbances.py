@@ -1,4 +1,4 @@
-"""The unknown forces: virtual work by finite differences of an independent kinematics; what each law promises."""
+"""Tests of disturbances: virtual work by finite differences of independent kinematics, and properties of each model."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def scalar(rng: np.random.Generator) -> jax.Array:
 
 
 def wind(rng: np.random.Generator) -> disturbances.Wind:
-    """Drag in a field with two gusts."""
+    """Drag in a wind with two gusts."""
     gust, wave = (jnp.array(rng.normal(size=(2, 3))) for _ in range(2))
     phase = jnp.array(rng.normal(size=2))
     linear, quadratic = scalar(rng), scalar(rng)
@@ -59,7 +59,7 @@ LAWS = {
 
 
 def motion(rng: np.random.Generator, **parts: object) -> disturbances.PointKinematics:
-    """A random motion of a point, some of it given."""
+    """Return a random motion of a point, with some values given."""
     at = {"x": vector(rng), "v": vector(rng), "R": jnp.array(teams.rotation(rng)), "omega": vector(rng)}
     return disturbances.PointKinematics(**(at | parts))
 
@@ -68,7 +68,7 @@ def motion(rng: np.random.Generator, **parts: object) -> disturbances.PointKinem
 
 
 def body_pose(agent: SimpleNamespace, R: np.ndarray, x: np.ndarray, r: np.ndarray, body: int) -> tuple:
-    """Attitude and origin of a body in the world: joint by joint in NumPy, the centre of mass at x."""
+    """Return attitude and origin of a body in the world, joint by joint in NumPy, with the center of mass at x."""
     frames = [(np.eye(3), np.zeros(3))]
     for k, parent in enumerate(agent.tree.parents):
         up, at = frames[parent]
@@ -83,22 +83,22 @@ def body_pose(agent: SimpleNamespace, R: np.ndarray, x: np.ndarray, r: np.ndarra
     return R @ up, x + R @ (at - s)
 
 
-def test_the_generalized_force_does_the_work_of_its_force():
+def test_generalized_force_has_the_virtual_work():
     """The generalized force does the work of its force and torque."""
     rng = np.random.default_rng(5)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     h = 1e-6
     for body in (0, 3, 7):
         force, torque, point = rng.normal(size=(3, 3))
-        law = disturbances.ConstantWrench(force=jnp.array(force), torque=jnp.array(torque))
+        model = disturbances.ConstantWrench(force=jnp.array(force), torque=jnp.array(torque))
         mount = disturbances.AgentDisturbance(
             body=body,
-            model=on_both(law),
+            model=for_two_agents(model),
             point=jnp.tile(jnp.array(point), (2, 1)),
             active=jnp.array([1.0, 0.0]),
         )
-        f = forces(sources((mount,)), team, z).agents[0]
-        assert not any(np.any(leaf[1]) for leaf in jax.tree.leaves(f))  # the second agent does not carry it
+        f = forces(disturbance_set((mount,)), team, z).agents[0]
+        assert not any(np.any(leaf[1]) for leaf in jax.tree.leaves(f))  # inactive for the second agent
         agent, q = take(team.agent_groups[0], 0), take(z.agents[0], 0)
 
         def work(d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -115,20 +115,20 @@ def test_the_generalized_force_does_the_work_of_its_force():
             np.testing.assert_allclose(of_ours, force @ (ahead - behind) / (2 * h) + torque @ rate, atol=1e-8)
 
 
-def on_both(law: disturbances.DisturbanceModel) -> disturbances.DisturbanceModel:
-    """The law with the axis of a group of two."""
-    return jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)), law)
+def for_two_agents(model: disturbances.DisturbanceModel) -> disturbances.DisturbanceModel:
+    """Return the model with the leading axis of a group of two."""
+    return jax.tree.map(lambda x: jnp.broadcast_to(x, (2, *x.shape)), model)
 
 
-def sources(mounts: tuple = (), payload: tuple = ()) -> disturbances.DisturbanceSet:
-    """These sources on the agents of `STRUCTURE` and on the payload, without friction."""
+def disturbance_set(mounts: tuple = (), payload: tuple = ()) -> disturbances.DisturbanceSet:
+    """Return these disturbances on the agents of `STRUCTURE` and on the payload, without friction."""
     none = jnp.zeros((2, 7))
     friction = disturbances.JointFriction(viscous=none, coulomb=none, speed=none + 1)
     return disturbances.DisturbanceSet(payload=payload, agents=(mounts,), joints=(friction,))
 
 
-def test_a_law_is_told_how_its_point_moves():
-    """Power of the generalized force equals the power at the point: the velocities given to the law are right."""
+def test_point_velocity_is_consistent_with_power():
+    """The power of the generalized force equals the power at the point."""
     rng = np.random.default_rng(6)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     none = jnp.zeros((0, 3))
@@ -136,8 +136,10 @@ def test_a_law_is_told_how_its_point_moves():
         linear=jnp.array(1.0), quadratic=jnp.array(0.0), mean=jnp.zeros(3), gust=none, wave=none, phase=none[:, 0]
     )
     point, h = rng.normal(size=(2, 3)), 1e-6
-    mount = disturbances.AgentDisturbance(body=5, model=on_both(drag), point=jnp.array(point), active=jnp.ones(2))
-    f = forces(sources((mount,)), team, z).agents[0]
+    mount = disturbances.AgentDisturbance(
+        body=5, model=for_two_agents(drag), point=jnp.array(point), active=jnp.ones(2)
+    )
+    f = forces(disturbance_set((mount,)), team, z).agents[0]
     for j in range(2):
         agent, q = take(team.agent_groups[0], j), take(z.agents[0], j)
         ends = []
@@ -152,14 +154,14 @@ def test_a_law_is_told_how_its_point_moves():
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_on_the_payload_force_and_moment_do_the_work_of_the_law(name):
+def test_payload_wrench_has_the_virtual_work(name):
     rng = np.random.default_rng(7)
     q, point, h = teams.payload_state(rng), rng.normal(size=3), 1e-6
-    law = LAWS[name](rng)
-    W = on_payload((disturbances.PayloadDisturbance(model=law, point=jnp.array(point)),), q)
+    model = LAWS[name](rng)
+    W = on_payload((disturbances.PayloadDisturbance(model=model, point=jnp.array(point)),), q)
     R = np.asarray(q.R)
     v = q.v + R @ np.cross(q.omega, point)
-    force, torque = law(disturbances.PointKinematics(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
+    force, torque = model(disturbances.PointKinematics(x=q.p + q.R @ point, v=v, R=q.R, omega=q.omega), NOW, ())
     np.testing.assert_allclose(W.F, force, atol=1e-12)
     for e, of_ours in zip(np.eye(3), W.tau, strict=True):
         ahead, behind = (R @ Rotation.from_rotvec(s * e).as_matrix() @ point for s in (h, -h))
@@ -176,29 +178,31 @@ def test_sources_add_up():
     np.testing.assert_allclose(total.tau, sum(W.tau for W in each), atol=1e-12)
 
 
-# Laws -----------------------------------------------------------------------------------------------------------------
+# Disturbance models ---------------------------------------------------------------------------------------------------
 
 
 @given(seed=seeds)
 def test_drag_dissipates_relative_to_the_air(seed):
     rng = np.random.default_rng(seed)
-    law, at = wind(rng), motion(rng)
-    air = np.asarray(law.mean) + np.asarray(law.gust).T @ np.sin(np.asarray(law.wave) @ np.asarray(at.x) + law.phase)
+    model, at = wind(rng), motion(rng)
+    air = np.asarray(model.mean) + np.asarray(model.gust).T @ np.sin(
+        np.asarray(model.wave) @ np.asarray(at.x) + model.phase
+    )
     relative = at.v - air
-    force, torque = jax.jit(lambda law, at: law(at, NOW, ()))(law, at)
+    force, torque = jax.jit(lambda model, at: model(at, NOW, ()))(model, at)
     assert not np.any(torque)
     assert force @ relative < 0
     speed = np.linalg.norm(relative)
-    np.testing.assert_allclose(force, -(law.linear + law.quadratic * speed) * relative, atol=1e-5)
-    carried, _ = law(dataclasses.replace(at, v=jnp.array(air)), NOW, ())
-    np.testing.assert_allclose(carried, 0, atol=1e-12)
+    np.testing.assert_allclose(force, -(model.linear + model.quadratic * speed) * relative, atol=1e-5)
+    drag_free, _ = model(dataclasses.replace(at, v=jnp.array(air)), NOW, ())
+    np.testing.assert_allclose(drag_free, 0, atol=1e-12)
 
 
 def test_the_tether_is_conservative():
     """Its force is the gradient of `-k (d - l)^2 / 2`, so its work around any loop is zero."""
     rng = np.random.default_rng(9)
-    law = disturbances.Tether(anchor=jnp.zeros(3), stiffness=jnp.array(2.0), length=jnp.array(0.8))
-    force = jax.jit(jax.vmap(lambda x: law(motion(rng, x=x), NOW, ())[0]))
+    model = disturbances.Tether(anchor=jnp.zeros(3), stiffness=jnp.array(2.0), length=jnp.array(0.8))
+    force = jax.jit(jax.vmap(lambda x: model(motion(rng, x=x), NOW, ())[0]))
     s = 2 * np.pi * np.arange(2000) / 2000
     loop = np.stack([np.cos(s) + 0.3, 0.7 * np.sin(2 * s), 0.4 * np.sin(s + 1)], axis=1)  # slack and taut
     step = np.stack([-np.sin(s), 1.4 * np.cos(2 * s), 0.4 * np.cos(s + 1)], axis=1) * (s[1] - s[0])
@@ -206,7 +210,7 @@ def test_the_tether_is_conservative():
     distance = np.linalg.norm(loop, axis=1)
     assert distance.min() < 0.8 < distance.max()
     assert not f[distance < 0.8].any()
-    # where it goes slack the force has a kink: the trapezoidal rule is then of second order, (2 pi / 2000)^2
+    # the force has a kink where the tether becomes slack: the trapezoidal rule is of second order, (2 pi / 2000)^2
     assert abs((f * step).sum()) < 1e-5 * np.abs((f * step).sum(1)).sum()
     x, h = np.array([0.6, 0.9, -0.4]), 1e-5
     energy = lambda x: max(np.linalg.norm(x) - 0.8, 0.0) ** 2  # noqa: E731  k / 2 = 1
@@ -215,38 +219,40 @@ def test_the_tether_is_conservative():
 
 
 @given(seed=seeds)
-def test_a_jet_is_smooth_strongest_at_its_center_and_at_0_61(seed):
-    """A jet is smooth strongest at its center and at 0 61 a width away."""
+def test_jet_profile(seed):
+    """A jet is smooth, strongest at its center, and 0.61 of that at one standard deviation."""
     rng = np.random.default_rng(seed)
-    law = LAWS["jet"](rng)
+    model = LAWS["jet"](rng)
     away = rng.normal(size=3)
-    away *= float(law.width) / np.linalg.norm(away)
-    np.testing.assert_allclose(law(motion(rng, x=law.center), NOW, ())[0], law.force, atol=1e-12)
-    np.testing.assert_allclose(law(motion(rng, x=law.center + jnp.array(away)), NOW, ())[0], np.exp(-0.5) * law.force)
+    away *= float(model.width) / np.linalg.norm(away)
+    np.testing.assert_allclose(model(motion(rng, x=model.center), NOW, ())[0], model.force, atol=1e-12)
+    np.testing.assert_allclose(
+        model(motion(rng, x=model.center + jnp.array(away)), NOW, ())[0], np.exp(-0.5) * model.force
+    )
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_laws_are_smooth_where_they_act(name):
+def test_models_are_smooth(name):
     rng = np.random.default_rng(11)
-    law, at, h = LAWS[name](rng), motion(rng), 1e-6
-    of_v = jax.jacfwd(lambda v: law(dataclasses.replace(at, v=v), NOW, ())[0])(at.v)
-    of_x = jax.jacfwd(lambda x: law(dataclasses.replace(at, x=x), NOW, ())[0])(at.x)
+    model, at, h = LAWS[name](rng), motion(rng), 1e-6
+    of_v = jax.jacfwd(lambda v: model(dataclasses.replace(at, v=v), NOW, ())[0])(at.v)
+    of_x = jax.jacfwd(lambda x: model(dataclasses.replace(at, x=x), NOW, ())[0])(at.x)
     for jacobian, field in ((of_v, "v"), (of_x, "x")):
         for e, column in zip(np.eye(3), jacobian.T, strict=True):
             ends = [
-                law(dataclasses.replace(at, **{field: getattr(at, field) + jnp.array(s * e)}), NOW, ())[0]
+                model(dataclasses.replace(at, **{field: getattr(at, field) + jnp.array(s * e)}), NOW, ())[0]
                 for s in (h, -h)
             ]
             np.testing.assert_allclose(column, (ends[0] - ends[1]) / (2 * h), atol=1e-6)
     still = dataclasses.replace(at, v=jnp.zeros(3), x=jnp.zeros(3))
-    assert np.isfinite(jax.jacfwd(lambda v: law(dataclasses.replace(still, v=v), NOW, ())[0])(still.v)).all()
+    assert np.isfinite(jax.jacfwd(lambda v: model(dataclasses.replace(still, v=v), NOW, ())[0])(still.v)).all()
 
 
-def test_rotors_push_along_the_body_s_third_axis():
+def test_rotor_bias_acts_along_body_z():
     rng = np.random.default_rng(12)
     at = motion(rng)
-    law = disturbances.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
-    force, torque = law(at, NOW, ())
+    model = disturbances.RotorBias(thrust=jnp.array(-1.5), torque=jnp.array([0.1, 0.2, 0.3]))
+    force, torque = model(at, NOW, ())
     np.testing.assert_allclose(at.R.T @ force, [0, 0, -1.5], atol=1e-12)
     np.testing.assert_allclose(torque, [0.1, 0.2, 0.3])
 
@@ -256,54 +262,56 @@ def test_joint_friction_opposes_every_joint():
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     viscous, coulomb = (jnp.array(rng.uniform(0.1, 1, (2, 7))) for _ in range(2))
     friction = disturbances.JointFriction(viscous=viscous, coulomb=coulomb, speed=jnp.full((2, 7), 1e-3))
-    f = forces(dataclasses.replace(sources(), joints=(friction,)), team, z).agents[0]
+    f = forces(dataclasses.replace(disturbance_set(), joints=(friction,)), team, z).agents[0]
     r_dot = z.agents[0].r_dot
     assert np.all(f.f_r * r_dot < 0)
-    fast = np.abs(r_dot) > 0.01  # there dry friction has its full size
+    fast = np.abs(r_dot) > 0.01  # dry friction has its full magnitude
     np.testing.assert_allclose(f.f_r[fast], (-viscous * r_dot - coulomb * jnp.sign(r_dot))[fast], atol=1e-8)
     assert not np.any(f.f_x)
     assert not np.any(f.f_w)
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_every_law_says_that_it_does_not_depend_on_time(name):
+def test_shipped_models_are_time_invariant(name):
     assert LAWS[name](np.random.default_rng(0)).time_invariant
 
 
 @pytree
-class Turning(disturbances.ConstantWrench):
-    """A law that says it changes with time."""
+class TimeVarying(disturbances.ConstantWrench):
+    """Disturbance model that declares a dependence on time."""
 
     time_invariant: ClassVar[bool] = False
 
 
-def test_active_sources_that_change_with_time_are_named_once():
+def test_active_time_varying_sources_are_named_once():
     rng = np.random.default_rng(15)
     steady = disturbances.PayloadDisturbance(name="steady", model=wind(rng), point=vector(rng))
-    turning = Turning(force=vector(rng), torque=vector(rng))
+    turning = TimeVarying(force=vector(rng), torque=vector(rng))
     on_load = [disturbances.PayloadDisturbance(name=name, model=turning, point=vector(rng)) for name in ("gust", "")]
 
     def on_agents(name: str, active: list[float]) -> disturbances.AgentDisturbance:
-        law = on_both(turning)
+        model = for_two_agents(turning)
         return disturbances.AgentDisturbance(
-            body=0, name=name, model=law, point=jnp.ones((2, 3)), active=jnp.array(active)
+            body=0, name=name, model=model, point=jnp.ones((2, 3)), active=jnp.array(active)
         )
 
     def varying(
         *payload: disturbances.PayloadDisturbance, agents: tuple[disturbances.AgentDisturbance, ...] = ()
     ) -> tuple[str, ...]:
-        return disturbances.time_varying_names(dataclasses.replace(sources(agents), payload=payload))
+        return disturbances.time_varying_names(dataclasses.replace(disturbance_set(agents), payload=payload))
 
     assert varying() == ()
     assert varying(steady) == ()
-    assert varying(steady, *on_load) == ("gust", "Turning")
-    assert varying(agents=(on_agents("fan", [0.0, 0.0]),)) == ()  # no agent carries it
+    assert varying(steady, *on_load) == ("gust", "TimeVarying")
+    assert varying(agents=(on_agents("fan", [0.0, 0.0]),)) == ()  # inactive for all agents
     assert varying(agents=(on_agents("fan", [0.0, 1.0]), on_agents("fan", [1.0, 0.0]))) == ("fan",)
     assert varying(on_load[0], agents=(on_agents("gust", [1.0, 1.0]),)) == ("gust",)
 
 
-def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts():
-    """Before it turns, and at a gust's every period, it is the steady wind; after, the one with the mean turned."""
+def test_time_varying_wind():
+    """Before the turn, and at each period of a gust, it is the steady wind; afterwards the wind with the mean
+    rotated.
+    """
     rng = np.random.default_rng(0)
     steady = wind(rng)
     still = {
@@ -313,27 +321,27 @@ def test_weather_is_a_wind_whose_mean_turns_and_whose_gusts():
         "ramp_time": jnp.array(0.5),
     }
     at = motion(rng)
-    law = jax.jit(lambda law, t: law(at, t, ())[0])
+    model = jax.jit(lambda model, t: model(at, t, ())[0])
     turning = disturbances.TimeVaryingWind(base_wind=steady, **still | {"turn_angle": jnp.array(np.pi / 2)})
-    np.testing.assert_allclose(law(turning, jnp.array(1.9)), law(steady, NOW), rtol=1e-12)
+    np.testing.assert_allclose(model(turning, jnp.array(1.9)), model(steady, NOW), rtol=1e-12)
     x, y, z = np.asarray(steady.mean)
     turned = dataclasses.replace(steady, mean=jnp.array([-y, x, z]))
-    np.testing.assert_allclose(law(turning, jnp.array(2.5)), law(turned, NOW), rtol=1e-9)
-    halfway = law(turning, jnp.array(2.25))
+    np.testing.assert_allclose(model(turning, jnp.array(2.5)), model(turned, NOW), rtol=1e-9)
+    halfway = model(turning, jnp.array(2.25))
     half = Rotation.from_rotvec([0, 0, np.pi / 4]).apply([x, y, z])
-    np.testing.assert_allclose(halfway, law(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
+    np.testing.assert_allclose(halfway, model(dataclasses.replace(steady, mean=jnp.array(half)), NOW), rtol=1e-9)
     gusting = disturbances.TimeVaryingWind(
         base_wind=steady, **still | {"phase_rate": jnp.array([2 * np.pi / 3, 2 * np.pi / 6])}
     )
-    np.testing.assert_allclose(law(gusting, jnp.array(6.0)), law(steady, NOW), rtol=1e-9)
-    assert np.abs(law(gusting, jnp.array(1.0)) - law(steady, NOW)).max() > 1e-3
+    np.testing.assert_allclose(model(gusting, jnp.array(6.0)), model(steady, NOW), rtol=1e-9)
+    assert np.abs(model(gusting, jnp.array(1.0)) - model(steady, NOW)).max() > 1e-3
     assert not gusting.time_invariant
 
 
-def test_without_sources_nothing_is_felt():
+def test_no_sources_give_zero_residual():
     rng = np.random.default_rng(14)
     z: State = teams.free_state(rng, STRUCTURE)
-    f = forces(sources(), teams.team(rng, STRUCTURE), z)
+    f = forces(disturbance_set(), teams.team(rng, STRUCTURE), z)
     assert not any(np.any(leaf) for leaf in jax.tree.leaves(f))
     load: PayloadState = z.payload
     assert not np.any(on_payload((), load).F)
@@ -343,11 +351,11 @@ def test_without_sources_nothing_is_felt():
 
 
 def test_functions_add_their_value_at_the_true_state():
-    """Each output a sum of kernels, term by term in NumPy; two functions, and a wind beside them."""
+    """Each output is a sum of kernels, term by term in NumPy; two functions and a wind."""
     rng = np.random.default_rng(11)
     team, z = teams.team(rng, STRUCTURE), teams.free_state(rng, STRUCTURE)
     blow = disturbances.PayloadDisturbance(model=wind(rng), point=vector(rng))
-    named = dataclasses.replace(sources(), payload=(blow,))
+    named = dataclasses.replace(disturbance_set(), payload=(blow,))
     joints = team.agent_groups[0].tree.joints
 
     def drawn() -> tuple[residual_model.ResidualModel, list[tuple]]:

@@ -1,4 +1,4 @@
-"""Sensors: what they read without noise, how they corrupt it, and that noise does not depend on who flies."""
+"""Tests of sensors: values without noise, noise models, and independence of noise from the controller."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ DEVIATIONS = {
 
 @functools.cache
 def sensors() -> sensors_module.SensorNoise:
-    """Sensors with these deviations."""
+    """Return sensors with these standard deviations."""
     return sensors_module.SensorNoise(**{name: jnp.array(value) for name, value in DEVIATIONS.items()})
 
 
 @functools.cache
 def case(seed: int = 3) -> tuple[Team, State, sensors_module.SensedState]:
-    """A moving team on its grasp, and what its sensors are exposed to."""
+    """A moving team on its grasp and its sensed state."""
     rng = np.random.default_rng(seed)
     team, z = PinocchioTeam(teams.team(rng, STRUCTURE)).on_grasp(teams.free_state(rng, STRUCTURE))
-    return team, z, exposed(team, z)
+    return team, z, sensed_state(team, z)
 
 
 def inputs() -> tuple[AgentInput, ...]:
@@ -58,8 +58,8 @@ def inputs() -> tuple[AgentInput, ...]:
 accelerate, sense = jax.jit(contact_dynamics.forward_dynamics), jax.jit(sensors_module.measure)
 
 
-def exposed(team: Team, z: State) -> sensors_module.SensedState:
-    """What the sensors of a team feel at z under `inputs`."""
+def sensed_state(team: Team, z: State) -> sensors_module.SensedState:
+    """Return the sensed state of a team at z under `inputs`."""
     a, lam = accelerate(team, z, inputs(), zero_residual(team))
     return sensors_module.SensedState(
         z=z,
@@ -72,7 +72,7 @@ def exposed(team: Team, z: State) -> sensors_module.SensedState:
 
 
 def residual(team: Team) -> ResidualForces:
-    """Made-up unknown forces, for the rig to report."""
+    """Generated residual forces for the calibration rig."""
     rng = np.random.default_rng(8)
     return jax.tree.map(lambda x: jnp.array(rng.normal(size=x.shape)), zero_residual(team))
 
@@ -81,7 +81,7 @@ CLOCK = ControlClock(t=jnp.array(0.0), dt=jnp.array(0.002))
 
 
 def no_noise(team: Team) -> sensors_module.Noise:
-    """One tick without noise."""
+    """Zero noise of one step."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape[1:]), sensors_module.sample_noise(team, jax.random.key(0), 1))
 
 
@@ -91,19 +91,19 @@ def no_bias(team: Team) -> tuple[jax.Array, ...]:
 
 
 def readings() -> Measurement:
-    """Many readings of one instant, without bias."""
+    """Many measurements of one instant, without bias."""
     team, _, truth = case()
     many = jax.jit(jax.vmap(sensors_module.measure, in_axes=(None, None, None, None, 0)))
     return many(team, sensors(), no_bias(team), truth, sensors_module.sample_noise(team, jax.random.key(1), TICKS))
 
 
 def ideal() -> Measurement:
-    """One reading without noise."""
+    """One measurement without noise."""
     team, _, truth = case()
     return sense(team, sensors(), no_bias(team), truth, no_noise(team))
 
 
-def test_noise_has_the_stated_deviation_and_no_mean():
+def test_noise_has_stated_std_and_zero_mean():
     noisy, exact = readings(), ideal()
     agents, load = (noisy.agents[0], exact.agents[0]), (noisy.payload, exact.payload)
     pairs = [
@@ -129,7 +129,7 @@ def test_attitude_noise_is_a_small_rotation_in_the_body_frame():
         assert np.abs(turn.mean(0)).max() < 5 * DEVIATIONS["attitude"] / np.sqrt(TICKS)
 
 
-def test_noise_is_white_and_no_two_channels_share_it():
+def test_noise_is_white_and_independent_across_channels():
     noise = sensors_module.sample_noise(case()[0], jax.random.key(2), TICKS)
     x = np.concatenate([np.asarray(leaf).reshape(TICKS, -1) for leaf in jax.tree.leaves(noise)], axis=1)
     bound = 6 / np.sqrt(TICKS)
@@ -138,7 +138,7 @@ def test_noise_is_white_and_no_two_channels_share_it():
     assert np.abs((x[1:] * x[:-1]).mean(0)).max() < bound
 
 
-def test_the_tips_bias_is_constant_and_drawn_once_an_axis():
+def test_tip_bias_is_constant_and_random_per_axis():
     team, _, truth = case()
     offset = sensors_module.sample_tip_bias(team, sensors(), jax.random.key(4))
     biased = sense(team, sensors(), offset, truth, no_noise(team))
@@ -150,39 +150,40 @@ def test_the_tips_bias_is_constant_and_drawn_once_an_axis():
     assert drawn.std() == pytest.approx(DEVIATIONS["tip_force_bias"], rel=5 / np.sqrt(2 * len(drawn)))
 
 
-def test_without_noise_a_reading_is_the_truth_in_its_own_frame():
+def test_measurement_without_noise_is_exact():
     team, z, truth = case()
     m, load = ideal(), z.payload
     np.testing.assert_allclose(m.payload.p, load.p)
     np.testing.assert_allclose(m.payload.R, load.R, atol=1e-12)
     np.testing.assert_allclose(m.agents[0].r, z.agents[0].r)
     np.testing.assert_allclose(m.payload.a, np.asarray(load.R).T @ (truth.a_L[:3] - team.gravity), atol=1e-12)
-    oracle = PinocchioTeam(team)
-    q, v = oracle.coordinates(z)
+    model = PinocchioTeam(team)
+    q, v = model.coordinates(z)
     # bases are free-flyers: their own coordinates are position, quaternion, then joints
-    for j, part in enumerate(oracle.parts):
-        first = 7 * j + sum(of.model.nq - 7 for of in oracle.free[:j])
+    for j, part in enumerate(model.parts):
+        first = 7 * j + sum(of.model.nq - 7 for of in model.free[:j])
         np.testing.assert_allclose(m.agents[0].x[j], q[first : first + 3], atol=1e-12)
         R = np.asarray(z.agents[0].R[j])
         np.testing.assert_allclose(m.agents[0].v[j], R @ v[part][:3], atol=1e-12)
 
 
-def test_a_tip_feels_its_force_in_the_frame_of_its_body():
+def test_tip_force_is_in_the_frame_of_its_body():
     team, z, truth = case()
-    oracle, m = PinocchioTeam(team), ideal()
-    oracle.gap(z)  # places all frames
-    turns = [oracle.data.oMf[f].rotation for f in oracle.tips]
+    model, m = PinocchioTeam(team), ideal()
+    model.constraint_residual(z)  # places all frames
+    turns = [model.data.oMf[f].rotation for f in model.tips]
     expected = [R.T @ lam for R, lam in zip(turns, np.asarray(truth.lam[0]).reshape(-1, 3), strict=True)]
     np.testing.assert_allclose(np.asarray(m.agents[0].lam).reshape(-1, 3), expected, atol=1e-10)
 
 
-def test_an_accelerometer_reads_the_rate_of_its_velocity_less():
-    """An accelerometer reads the rate of its velocity less gravity."""
+def test_accelerometer_measures_specific_force():
+    """An accelerometer measures the rate of its velocity minus gravity."""
     team, z, _ = case()
     f, h, u = zero_residual(team), 1e-4, inputs()
     step = jax.jit(lambda z, dt: contact_dynamics.rkmk4_step(team, z, u, lambda z, _: f, dt))
     ends = [
-        sense(team, sensors(), no_bias(team), exposed(team, step(z, jnp.array(s))), no_noise(team)) for s in (h, -h)
+        sense(team, sensors(), no_bias(team), sensed_state(team, step(z, jnp.array(s))), no_noise(team))
+        for s in (h, -h)
     ]
     m = ideal()
     for now, ahead, behind in zip(
@@ -194,54 +195,54 @@ def test_an_accelerometer_reads_the_rate_of_its_velocity_less():
         np.testing.assert_allclose(now.a, np.asarray(now.R).T @ (rate - np.asarray(team.gravity)), atol=1e-4)
 
 
-def test_noise_depends_on_the_key_and_the_structure_alone():
+def test_noise_depends_on_key_and_structure_only():
     team, _, _ = case()
     other = dataclasses.replace(team, gravity=2 * team.gravity)
     a, b, c = (sensors_module.sample_noise(t, jax.random.key(k), 5) for t, k in ((team, 0), (other, 0), (team, 1)))
     for x, y, z in zip(*map(jax.tree.leaves, (a, b, c)), strict=True):
         np.testing.assert_array_equal(x, y)
         same = np.asarray(x) == np.asarray(z)
-        assert not same.all() if set(np.unique(x)) == {-1, 1} else not same.any()  # signs agree now and then
+        assert not same.all() if set(np.unique(x)) == {-1, 1} else not same.any()  # random signs may agree
 
 
 # The calibration rig --------------------------------------------------------------------------------------------------
 
 
-def test_the_rig_reports_the_true_state_and_labels_that_err():
-    """The rig reports the true state and labels that err by as much as stated either way."""
+def test_rig_reports_true_state_and_bounded_label_errors():
+    """The rig reports the true state and labels with errors of the stated magnitude and random sign."""
     team, z, truth = case()
     rng = np.random.default_rng(9)
     rig = jax.tree.map(lambda x: jnp.array(rng.uniform(0.1, 1, x.shape)), zero_residual(team))
     held = sensors_module.CalibrationRig(label_error=rig)
     noise, m = held.sample_noise(team, jax.random.key(2), TICKS), ideal()
     sample = jax.vmap(lambda drawn: held.apply(m, truth, CLOCK, (), drawn)[0])(noise).rig
-    for told, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
-        np.testing.assert_array_equal(told, np.broadcast_to(state, told.shape))
+    for reported, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
+        np.testing.assert_array_equal(reported, np.broadcast_to(state, reported.shape))
     signs = []
-    for told, f, e in zip(*map(jax.tree.leaves, (sample.f, truth.f, rig)), strict=True):
-        error = np.asarray(told) - np.asarray(f)
+    for reported, f, e in zip(*map(jax.tree.leaves, (sample.f, truth.f, rig)), strict=True):
+        error = np.asarray(reported) - np.asarray(f)
         np.testing.assert_allclose(np.abs(error), np.broadcast_to(e, error.shape), rtol=1e-12)
         signs.append(np.sign(error).reshape(TICKS, -1))
     signs = np.concatenate(signs, axis=1)
-    # a fair coin at every tick and for every output, each for itself: means and products within five deviations
+    # independent fair signs at every step and output: means and products within five standard deviations
     assert np.abs(signs.mean(0)).max() < 5 / np.sqrt(TICKS)
     products = signs.T @ signs / TICKS - np.eye(signs.shape[1])
     assert np.abs(products).max() < 5 / np.sqrt(TICKS)
     assert np.abs((signs[1:] * signs[:-1]).mean(0)).max() < 5 / np.sqrt(TICKS)
 
 
-def test_without_noise_the_rig_reports_the_residual_itself():
+def test_rig_without_error_reports_the_residual():
     team, _, truth = case()
     held, none = sensors_module.CalibrationRig(label_error=zero_residual(team)), zero_residual(team)
     m, _ = held.apply(ideal(), truth, CLOCK, (), none)
     jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
 
 
-# Readings that come seldom, late or not at all, and biases that walk --------------------------------------------------
+# Intermittent measurements and bias walks -----------------------------------------------------------------------------
 
 
-def streamed(of: sensors_module.SensorModel, ticks: int = 400, seed: int = 0) -> Measurement:
-    """What a sensor makes of a payload that moves by a metre a second along x, tick by tick."""
+def apply_to_motion(of: sensors_module.SensorModel, ticks: int = 400, seed: int = 0) -> Measurement:
+    """Return the measurements of a payload that moves at one meter per second along x, step by step."""
     team, _, truth = case()
     first = ideal()
 
@@ -249,14 +250,14 @@ def streamed(of: sensors_module.SensorModel, ticks: int = 400, seed: int = 0) ->
         p = first.payload.p + jnp.array([1.0, 0, 0]) * k * CLOCK.dt
         return dataclasses.replace(first, payload=dataclasses.replace(first.payload, p=p))
 
-    def tick(memory: object, now: tuple) -> tuple:
+    def step(state: object, now: tuple) -> tuple:
         k, noise = now
-        m, memory = of.apply(at(k), truth, ControlClock(t=k * CLOCK.dt, dt=CLOCK.dt), memory, noise)
-        return memory, m
+        m, state = of.apply(at(k), truth, ControlClock(t=k * CLOCK.dt, dt=CLOCK.dt), state, noise)
+        return state, m
 
     steps = jnp.arange(ticks, dtype=float)
     noise = of.sample_noise(team, jax.random.key(seed), ticks)
-    return jax.jit(lambda: jax.lax.scan(tick, of.init(at(jnp.array(0.0))), (steps, noise))[1])()
+    return jax.jit(lambda: jax.lax.scan(step, of.init(at(jnp.array(0.0))), (steps, noise))[1])()
 
 
 def intermittent(
@@ -269,18 +270,18 @@ def intermittent(
     return sensors_module.Intermittent(channels=of, delay=delay, **numbers)
 
 
-def test_a_sensor_that_dies_holds_its_last_reading_and_ages():
-    m = streamed(intermittent(("payload.p",), until=0.1))
+def test_failed_sensor_holds_its_last_reading():
+    m = apply_to_motion(intermittent(("payload.p",), until=0.1))
     x, k = np.asarray(m.payload.p[:, 0] - ideal().payload.p[0]), np.arange(400)
     np.testing.assert_allclose(x, 0.002 * np.minimum(k, 49), atol=1e-12)
     np.testing.assert_allclose(m.measurement_age_s["payload.p"], 0.002 * np.maximum(k - 49, 0), atol=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0, 3])
-def test_a_slow_sensor_holds_its_last_reading_and_says_how_old(delay):
-    """A slow sensor holds its last reading and says how old it is."""
+def test_slow_sensor_holds_its_reading_and_reports_its_age(delay):
+    """A slow sensor holds its last reading and reports its age."""
     of = intermittent(("payload.p",), every=0.02, delay=delay)
-    m = streamed(of)
+    m = apply_to_motion(of)
     x = np.asarray(m.payload.p[:, 0] - ideal().payload.p[0])
     k = np.arange(len(x))
     last = np.maximum((k - delay) // 10, 0) * 10
@@ -291,29 +292,29 @@ def test_a_slow_sensor_holds_its_last_reading_and_says_how_old(delay):
     np.testing.assert_array_equal(m.payload.v, np.broadcast_to(ideal().payload.v, m.payload.v.shape))
 
 
-def test_readings_are_lost_as_often_as_stated():
+def test_dropout_rate_is_as_stated():
     of = intermittent(("payload.p",), loss=0.3)
-    x = np.asarray(streamed(of, TICKS).payload.p[:, 0])
+    x = np.asarray(apply_to_motion(of, TICKS).payload.p[:, 0])
     came = (np.diff(x) > 0).mean()
     assert abs(came - 0.7) < 5 * np.sqrt(0.21 / TICKS)
 
 
-def test_with_every_reading_lost_the_first_is_held_for_ever():
+def test_sensor_with_full_dropout_holds_the_first_reading():
     of = intermittent(("payload.p", "agents.x"), loss=1.0)
-    m = streamed(of)
+    m = apply_to_motion(of)
     np.testing.assert_array_equal(m.payload.p, np.broadcast_to(ideal().payload.p, m.payload.p.shape))
 
 
 @pytest.mark.long
-def test_a_bias_walks_as_the_root_of_time_and_turns_attitudes():
-    """A bias walks as the root of time and turns attitudes about themselves."""
+def test_bias_random_walk_grows_with_root_of_time():
+    """A bias walk grows with the root of time and rotates attitudes about their own axes."""
     rate, ticks = 0.01, 100
     of = sensors_module.BiasRandomWalk(
         channels=("payload.v", "agents.lam", "payload.R"),
         random_walk_density=jnp.array(rate),
         initial_bias_std=jnp.array(rate),
     )
-    runs = [streamed(of, ticks, seed) for seed in range(40)]
+    runs = [apply_to_motion(of, ticks, seed) for seed in range(40)]
     ends = np.array([np.asarray(m.payload.v[-1] - ideal().payload.v) for m in runs])
     ends = np.concatenate([ends.ravel(), *(np.ravel(m.agents[0].lam[-1] - ideal().agents[0].lam) for m in runs)])
     expected = rate * np.sqrt(1 + (ticks - 1) * 0.002)
@@ -322,4 +323,4 @@ def test_a_bias_walks_as_the_root_of_time_and_turns_attitudes():
     np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-12)
     assert 0 < np.linalg.norm(Rotation.from_matrix(R_0.T @ R).as_rotvec()) < 8 * expected
     steps = np.diff(np.asarray(runs[0].payload.v), axis=0)
-    assert abs((steps[1:] * steps[:-1]).mean()) < 5 * steps.var() / np.sqrt(steps.size)  # each step for itself
+    assert abs((steps[1:] * steps[:-1]).mean()) < 5 * steps.var() / np.sqrt(steps.size)  # independent steps

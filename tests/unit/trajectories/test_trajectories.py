@@ -1,4 +1,4 @@
-"""The reference: exact derivatives, a start at rest, smooth flanks."""
+"""Tests of references: exact derivatives, a start at rest, smooth ramps."""
 
 import dataclasses
 
@@ -18,7 +18,7 @@ pulse = jax.jit(base.smooth_pulse)
 
 
 def random_path(seed: int) -> lissajous.Lissajous:
-    """A path with random numbers, ramped up in one to four seconds."""
+    """Path with random numbers, with a ramp of one to four seconds."""
     rng = np.random.default_rng(seed)
     return lissajous.Lissajous(
         center=jnp.array(rng.normal(size=3)),
@@ -33,15 +33,15 @@ def random_path(seed: int) -> lissajous.Lissajous:
     )
 
 
-def swinging(seed: int) -> lissajous.Lissajous:
-    """The same, and the attitude swings."""
+def rotating_path(seed: int) -> lissajous.Lissajous:
+    """The same path with a rotating attitude."""
     rng = np.random.default_rng(seed)
     turned = so3.exp(jnp.array(rng.normal(size=3)))
     return dataclasses.replace(random_path(seed), R=turned, rotation_amplitude=jnp.array(rng.uniform(-1, 1, 3)))
 
 
-def legs(seed: int) -> tuple[minimum_snap.MinimumSnapTrajectory, np.ndarray, np.ndarray]:
-    """A path through random poses, the times and the poses."""
+def random_waypoints(seed: int) -> tuple[minimum_snap.MinimumSnapTrajectory, np.ndarray, np.ndarray]:
+    """A path through random poses, with times and poses."""
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.3, 2, rng.integers(2, 6)))
     p, theta = rng.normal(size=(len(t), 3)), 0.5 * rng.normal(size=(len(t), 3))
@@ -49,13 +49,13 @@ def legs(seed: int) -> tuple[minimum_snap.MinimumSnapTrajectory, np.ndarray, np.
 
 
 def values(path: lissajous.Lissajous, t: float) -> np.ndarray:
-    """Position, velocity, acceleration and jerk by row."""
+    """Return position, velocity, acceleration and jerk as rows."""
     d = at(path, jnp.array(t))
     return np.stack([d.p, d.v, d.a, d.j])
 
 
 @given(seed=st.integers(0, 10**6), t=st.floats(0.01, 12))
-def test_each_derivative_is_the_rate_of_the_one_before(seed, t):
+def test_derivatives_are_consistent(seed, t):
     path, h = random_path(seed), 1e-3
     # five points: the error is h^4 / 30 times a fifth derivative of a few hundred at most, and rounding / h
     f = {k: values(path, t + k * h) for k in (-2, -1, 1, 2)}
@@ -65,8 +65,8 @@ def test_each_derivative_is_the_rate_of_the_one_before(seed, t):
         np.testing.assert_allclose(values(path, t)[1:], rate[:-1], atol=1e-7)
 
 
-@pytest.mark.parametrize("path", [swinging(1), swinging(2), legs(3)[0], legs(4)[0]])
-def test_the_attitude_turns_at_the_body_rate_that_is_said(path):
+@pytest.mark.parametrize("path", [rotating_path(1), rotating_path(2), random_waypoints(3)[0], random_waypoints(4)[0]])
+def test_attitude_rate_is_the_stated_body_rate(path):
     """`R' = R hat(omega)`, `omega' = omega_dot`, by differences of order 4; rotations in SciPy."""
     h = 1e-3
     for t in np.linspace(0.6, 1.4, 5):
@@ -83,8 +83,8 @@ def test_the_attitude_turns_at_the_body_rate_that_is_said(path):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_waypoints_are_met_at_their_times_from_rest_to_rest(seed):
-    path, t, poses = legs(seed)
+def test_waypoints_are_reached_at_their_times(seed):
+    path, t, poses = random_waypoints(seed)
     for k, (when, pose) in enumerate(zip(t, poses, strict=True)):
         d = at(path, jnp.array(when))
         np.testing.assert_allclose(d.p, pose[:3], atol=1e-9)
@@ -99,9 +99,9 @@ def test_waypoints_are_met_at_their_times_from_rest_to_rest(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_other_curve_through_the_poses_has_less_snap(seed):
+def test_snap_is_minimal(seed):
     """The snap is orthogonal to that of every curve that is zero at the poses and at rest at both ends: Gauss' rule."""
-    path, t, _ = legs(seed)
+    path, t, _ = random_waypoints(seed)
     rng = np.random.default_rng(seed)
     knots, c = np.asarray(path.knots), np.asarray(path.coefficients)
     nodes, weights = np.polynomial.legendre.leggauss(12)
@@ -118,16 +118,16 @@ def test_no_other_curve_through_the_poses_has_less_snap(seed):
 
 
 @pytest.mark.parametrize(
-    ("t", "said"), [([1.0], "at least two"), ([0.0, 2.0, 1.0], "must ascend"), ([0.0, 1.0, 1.0], "must ascend")]
+    ("t", "message"), [([1.0], "at least two"), ([0.0, 2.0, 1.0], "must ascend"), ([0.0, 1.0, 1.0], "must ascend")]
 )
-def test_times_that_no_path_can_have_are_refused(t, said):
-    with pytest.raises(ValueError, match=said):
+def test_invalid_times_are_refused(t, message):
+    with pytest.raises(ValueError, match=message):
         minimum_snap.minimum_snap(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
 
 
 @given(seed=st.integers(0, 10**6))
-def test_the_reference_starts_at_rest_in_its_center(seed):
-    """The reference starts at rest in its center at its attitude."""
+def test_reference_starts_at_rest_in_its_center(seed):
+    """The reference starts at rest in its center with its attitude."""
     path = random_path(seed)
     np.testing.assert_allclose(values(path, 0.0), [path.center, *np.zeros((3, 3))], atol=1e-12)
     d = at(path, jnp.array(1.7))
@@ -136,8 +136,8 @@ def test_the_reference_starts_at_rest_in_its_center(seed):
     assert not np.any(d.omega_dot)
 
 
-def test_a_path_that_leaves_is_the_same_until_then_and_smooth():
-    path = dataclasses.replace(swinging(3), ramp_time=jnp.array(1.0))
+def test_path_departure_is_smooth_and_starts_later():
+    path = dataclasses.replace(rotating_path(3), ramp_time=jnp.array(1.0))
     shift, swing = jnp.array([1.0, -2.0, 0.5]), jnp.array([0.1, 0.2, -0.1])
     numbers = {"start": 2.0, "ramp_time": 1.5, "rotation_start": 5.0, "rotation_period": 3.0}
     off = departure.PathDeparture(
@@ -186,8 +186,8 @@ def test_the_smooth_step_rises_and_is_symmetric(a, b):
     assert mirrored + float(base.smooth_step(jnp.array(a))) == pytest.approx(1, abs=1e-12)
 
 
-def test_a_pulse_is_zero_outside_one_inside_and_half():
-    """A pulse is zero outside one inside and half in the middle of its flanks."""
+def test_pulse_values():
+    """A pulse is zero outside, one inside and one half in the middle of its ramps."""
     t = jnp.array([0.0, 7.999, 8.0, 8.25, 8.5, 11.0, 13.5, 13.75, 14.0, 20.0])
     height = pulse(t, jnp.array(8.0), jnp.array(14.0), jnp.array(0.5))
     np.testing.assert_allclose(height, [0, 0, 0, 0.5, 1, 1, 1, 0.5, 0, 0], atol=1e-12)

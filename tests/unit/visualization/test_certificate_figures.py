@@ -1,9 +1,9 @@
-"""Corollary 1 as a figure; figure 6 is written with its certificate (test_certify_certificate.py)."""
+"""Test of the figure of Corollary 1; test_certification.py tests figure 6."""
 
 from colift.visualization import certificate_figures
 
 
-def test_shrinkage_is_written_twice_and_whole(tmp_path):
+def test_shrinkage_figure_is_written_as_pdf_and_png(tmp_path):
     n, falling = [5.0, 9.0, 17.0], [3e-2, 2e-3, 1e-3]
     parts = {"beta": [2.0, 1.8, 1.7], "sigma": [0.2, 0.02, 0.01]}
     files = certificate_figures.plot_bound_vs_data(

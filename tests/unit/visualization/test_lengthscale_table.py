@@ -1,4 +1,4 @@
-"""The table of length-scales: every number is there, and those at a bound are marked."""
+"""Test of the table of length-scales: all numbers are present, and those at a bound are marked."""
 
 import csv
 import itertools
@@ -11,14 +11,14 @@ from tests.support import random_logs as flights
 
 
 def learned(rng, features, outputs):
-    """Length-scales of a made-up body, some at their bounds."""
+    """Length-scales of a generated body, some at their bounds."""
     scales = rng.uniform(0.05, 30, (len(outputs), len(features)))
     at_lower, at_upper = scales < 5, scales > 25
     return features, outputs, scales, at_lower, at_upper
 
 
-def test_the_table_of_lengthscales_holds_every_number_and_marks(tmp_path):
-    """The table of lengthscales holds every number and marks the bounds."""
+def test_table_has_all_numbers_and_marks_bounds(tmp_path):
+    """The table contains every length-scale and marks the bounds."""
     rng = np.random.default_rng(11)
     bodies = {
         "payload": learned(rng, ("p_x", "|v|", "omega_z"), ("F_x", "tau_z")),

@@ -1,4 +1,4 @@
-"""A flight that is watched: on this computer alone, each frame once and as it is logged, to the end."""
+"""Tests of the live view: local connections only, and each frame once as logged."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ CASE = "C3"
 
 
 @pytest.fixture(scope="module")
-def watched() -> Iterator[dict[str, Any]]:
-    """A flight that has ended, whose stream was read while it flew, and whose page is still there."""
-    told = played.told()
-    seen: dict[str, Any] = {}
+def live_flight() -> Iterator[dict[str, Any]]:
+    """A finished flight whose stream was read during the simulation, with its page still served."""
+    settings = played.short_flight()
+    received: dict[str, Any] = {}
 
     def read() -> None:
-        with urllib.request.urlopen(seen["address"] + "events", timeout=300) as stream:
-            seen["kind"], seen["stream"] = stream.headers["Content-Type"], stream.read().decode()
+        with urllib.request.urlopen(received["address"] + "events", timeout=300) as stream:
+            received["kind"], received["stream"] = stream.headers["Content-Type"], stream.read().decode()
 
     reader = threading.Thread(target=read)
 
     def ready(address: str) -> None:
-        seen["address"] = address
+        received["address"] = address
         reader.start()
 
     with live_view.serve_live_flight(
-        told, experiment.make_experiment(told, CASE), CASE, "as in the tests", ready
+        settings, experiment.make_experiment(settings, CASE), CASE, "as in the tests", ready
     ) as flight:
         reader.join(60)
-        yield seen | {"flight": flight}
+        yield received | {"flight": flight}
 
 
 def events(stream: str) -> list[dict[str, Any]]:
@@ -67,25 +67,25 @@ def numbers(packed: dict[str, Any]) -> np.ndarray:
 
 
 @pytest.mark.long
-def test_the_stream_holds_every_frame_once_as_the_log_does(watched):
-    told, said = played.told(), events(watched["stream"])
-    assert watched["kind"] == "text/event-stream"
-    assert len(said) >= 4  # a chunk each, cut by the update, and the end
-    assert [each["from"] for each in said] == [0, *(each["known"] for each in said[:-1])]
-    flight = watched["flight"]
-    ds = played.labelled(flight.records, flight.uncertainty, told, update_times_s=[0.8], case=CASE)
-    expected = scene.frames(ds, team.team(told)[0]) | scene.plot_signals(ds)
-    for name in said[0]["tracks"]:
-        track = np.concatenate([numbers(each["tracks"][name]) for each in said if each["tracks"]])
+def test_stream_has_every_frame_once(live_flight):
+    settings, messages = played.short_flight(), events(live_flight["stream"])
+    assert live_flight["kind"] == "text/event-stream"
+    assert len(messages) >= 4  # one per chunk, split by the update, and the end
+    assert [each["from"] for each in messages] == [0, *(each["known"] for each in messages[:-1])]
+    flight = live_flight["flight"]
+    ds = played.labelled(flight.records, flight.uncertainty, settings, update_times_s=[0.8], case=CASE)
+    expected = scene.frames(ds, team.team(settings)[0]) | scene.plot_signals(ds)
+    for name in messages[0]["tracks"]:
+        track = np.concatenate([numbers(each["tracks"][name]) for each in messages if each["tracks"]])
         np.testing.assert_array_equal(track, expected[name].astype("<f4"), err_msg=name)
-    assert said[-1]["marks"] == scene.event_markers(ds)
-    np.testing.assert_array_equal(numbers(said[-1]["sigma"]), expected["sigma"].astype("<f4"))
-    assert [each["marks"]["updates"] for each in said[:2]] == [[], [0.8]]
+    assert messages[-1]["marks"] == scene.event_markers(ds)
+    np.testing.assert_array_equal(numbers(messages[-1]["sigma"]), expected["sigma"].astype("<f4"))
+    assert [each["marks"]["updates"] for each in messages[:2]] == [[], [0.8]]
 
 
-def test_it_answers_on_this_computer_alone(watched):
-    port = urllib.parse.urlsplit(watched["address"]).port
-    assert re.fullmatch(rf"http://127\.0\.0\.1:{port}/[\w-]{{20,}}/", watched["address"])
+def test_server_accepts_local_connections_only(live_flight):
+    port = urllib.parse.urlsplit(live_flight["address"]).port
+    assert re.fullmatch(rf"http://127\.0\.0\.1:{port}/[\w-]{{20,}}/", live_flight["address"])
     listening = []
     for table, here in (("tcp", "0100007F"), ("tcp6", None)):
         with contextlib.suppress(FileNotFoundError), open(f"/proc/net/{table}") as lines:  # noqa: PTH123
@@ -96,7 +96,7 @@ def test_it_answers_on_this_computer_alone(watched):
 
 
 def _other_address() -> str:
-    """This computer by another name than localhost: every address of 127/8 is its own on Linux."""
+    """Another local address: every address of 127/8 is local on Linux."""
     return "127.0.0.2" if sys.platform == "linux" else "::1"
 
 
@@ -111,17 +111,17 @@ def _other_address() -> str:
         ("../events", {}, 404),
     ],
 )
-def test_other_paths_hosts_and_origins_are_refused(watched, path, headers, status):
+def test_other_paths_hosts_and_origins_are_refused(live_flight, path, headers, status):
     """Without the token in the address, neither the page nor the events are available."""
-    asked = urllib.request.Request(urllib.parse.urljoin(watched["address"], path), headers=headers)
+    request = urllib.request.Request(urllib.parse.urljoin(live_flight["address"], path), headers=headers)
     with pytest.raises(urllib.error.HTTPError) as refused:
-        urllib.request.urlopen(asked, timeout=10)
+        urllib.request.urlopen(request, timeout=10)
     assert refused.value.code == status
     refused.value.close()
 
 
-def connect(watched) -> socket.socket:
-    parts = urllib.parse.urlsplit(watched["address"])
+def connect(live_flight) -> socket.socket:
+    parts = urllib.parse.urlsplit(live_flight["address"])
     return socket.create_connection((parts.hostname, parts.port), timeout=10)
 
 
@@ -132,9 +132,9 @@ def short_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("pause", [0.02, 10.0])
-def test_an_incomplete_request_is_closed(watched, short_timeout, pause):
+def test_an_incomplete_request_is_closed(live_flight, short_timeout, pause):
     """Neither a silent connection nor one that sends single bytes stays open."""
-    with connect(watched) as connection:
+    with connect(live_flight) as connection:
         connection.settimeout(pause)
         began = time.monotonic()
         while time.monotonic() - began < 5:
@@ -149,27 +149,27 @@ def test_an_incomplete_request_is_closed(watched, short_timeout, pause):
         assert time.monotonic() - began < 4
 
 
-def test_the_number_of_connections_is_limited(watched):
+def test_the_number_of_connections_is_limited(live_flight):
     with contextlib.ExitStack() as stack:
         for _ in range(live_view.MAX_CONNECTIONS):
-            stack.enter_context(connect(watched))
+            stack.enter_context(connect(live_flight))
         time.sleep(0.3)
         with pytest.raises((urllib.error.URLError, ConnectionError)):
-            urllib.request.urlopen(watched["address"], timeout=10)
+            urllib.request.urlopen(live_flight["address"], timeout=10)
     deadline = time.monotonic() + 10
     while True:  # the page is available again when connections have ended
         try:
-            urllib.request.urlopen(watched["address"], timeout=10).close()
+            urllib.request.urlopen(live_flight["address"], timeout=10).close()
             break
         except (urllib.error.URLError, ConnectionError):
             assert time.monotonic() < deadline
             time.sleep(0.1)
 
 
-def test_a_reader_that_leaves_is_no_error(watched, capfd):
-    parts = urllib.parse.urlsplit(watched["address"])
+def test_a_reader_that_leaves_is_no_error(live_flight, capfd):
+    parts = urllib.parse.urlsplit(live_flight["address"])
     for path in (parts.path, f"{parts.path}events"):
-        with connect(watched) as connection:
+        with connect(live_flight) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset at the end
             connection.sendall(f"GET {path} HTTP/1.1\r\nHost: {parts.netloc}\r\n\r\n".encode())
             connection.recv(10)
@@ -178,34 +178,36 @@ def test_a_reader_that_leaves_is_no_error(watched, capfd):
 
 
 @pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")
-def test_the_page_shows_what_came_and_asks_nobody_else(watched, tmp_path):
+def test_page_shows_the_stream_and_makes_no_other_request(live_flight, tmp_path):
     with browser.page(tmp_path) as page:
-        page.visit(watched["address"])
+        page.visit(live_flight["address"])
         page.wait("!state().running")
         state = page.evaluate("state()")
-        rows = watched["flight"].records
+        rows = live_flight["flight"].records
         assert (state["case"], state["end"]) == (CASE, pytest.approx(rows.t[-1], abs=1e-6))
         page.evaluate("seek(1.0)")
         np.testing.assert_allclose(page.evaluate("state().p"), rows.p[np.searchsorted(rows.t, 1.0 - 1e-9)], atol=1e-3)
         assert page.complaints == []
-        assert set(page.requests) == {watched["address"], watched["address"] + "events"}
+        assert set(page.requests) == {live_flight["address"], live_flight["address"] + "events"}
 
 
 @pytest.mark.long
-def test_ctrl_c_ends_the_command_and_its_page(tmp_path):
-    file = light.write(tmp_path / "short.yaml", learning=played.told().learning, duration_s=1.5)
+def test_ctrl_c_ends_command_and_server(tmp_path):
+    file = light.write(tmp_path / "short.yaml", learning=played.short_flight().learning, duration_s=1.5)
     command = [sys.executable, "-m", "colift", "live", str(file), "--case", "C1"]
-    heeding = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background
-    reset = f"import os, signal, sys; {heeding}; os.execv(sys.argv[1], sys.argv[1:])"
+    handler = "signal.signal(signal.SIGINT, signal.default_int_handler)"  # ignored in a shell's background
+    reset = f"import os, signal, sys; {handler}; os.execv(sys.argv[1], sys.argv[1:])"
     command = [sys.executable, "-c", reset, *command]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ) as flying:
-        assert flying.stdout
-        address = flying.stdout.readline().split()[3]
-        assert flying.stdout.readline() == "the flight has ended\n"
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ
+    ) as process:
+        assert process.stdout
+        address = process.stdout.readline().split()[3]
+        assert process.stdout.readline() == "the flight has ended\n"
         with urllib.request.urlopen(address, timeout=30) as page:
             assert "default-src 'none'" in page.read().decode()
-        flying.send_signal(signal.SIGINT)
-        _, said = flying.communicate(timeout=60)
-    assert (flying.returncode, said) == (130, "")
+        process.send_signal(signal.SIGINT)
+        _, messages = process.communicate(timeout=60)
+    assert (process.returncode, messages) == (130, "")
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address, timeout=5)

@@ -1,4 +1,4 @@
-"""The page that plays flights: what it shows is what was logged, and a browser shows it without a network."""
+"""Tests of the playback page: it shows the logged values, and works in a browser without a network."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ needs_browser = pytest.mark.skipif(browser.FOUND is None, reason="there is no Ch
 
 @pytest.fixture(scope="module")
 def told() -> scenario.Scenario:
-    return played.told()
+    return played.short_flight()
 
 
 @pytest.fixture(scope="module")
 def flown() -> dict[str, xr.Dataset]:
-    return played.flown()
+    return played.two_case_logs()
 
 
 @pytest.fixture(scope="module")
-def made(flown: dict[str, xr.Dataset], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The page of these flights."""
+def make_page(flown: dict[str, xr.Dataset], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the page of these flights."""
     out = tmp_path_factory.mktemp("flown")
     for case, ds in flown.items():
         log.save(ds, out / f"{case}.nc")
     return playback.write(out, CASES)
 
 
-def embedded(text: str) -> dict[str, Any]:
-    """What a page holds, its tracks as arrays."""
+def embedded_data(text: str) -> dict[str, Any]:
+    """Return the data of a page with its tracks as arrays."""
     found = re.search(r'<script type="application/json" id="flights">(.*?)</script>', text, re.DOTALL)
     assert found
     written = json.loads(found[1])
@@ -67,13 +67,13 @@ def embedded(text: str) -> dict[str, Any]:
     return written
 
 
-# The page -------------------------------------------------------------------------------------------------------------
+# Page -----------------------------------------------------------------------------------------------------------------
 
 
-def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
-    text = made.read_text()
-    assert run_directory.read_run_id(made) == flights.RUN
-    written = embedded(text)
+def test_page_contains_frames_and_run_id(make_page, flown, told):
+    text = make_page.read_text()
+    assert run_directory.read_run_id(make_page) == flights.RUN
+    written = embedded_data(text)
     assert (written["scenario"], written["seed"], written["run"]) == (told.name, told.seed, flights.RUN)
     truth, _ = team.team(told)
     for case, ds in flown.items():
@@ -89,8 +89,8 @@ def test_the_page_holds_the_frames_and_names_the_run(made, flown, told):
     assert shape["links"] == [[0, 1], [2, 3], [4, 5]]  # the hooks
 
 
-def test_links_follow_the_arms_of_the_paper_s_team():
-    shape = embedded(playback.build_page({"C1": random_log()}, CASES))["shape"]
+def test_links_are_the_arms_of_the_team():
+    shape = embedded_data(playback.build_page({"C1": random_log()}, CASES))["shape"]
     # base 0, waist 1, left 2, right 3, tips 4 and 5; the waist sits at the base's origin
     assert shape["links"][:4] == [[1, 2], [1, 3], [2, 4], [3, 5]]
     assert [contact["node"] for contact in shape["contacts"]] == [4, 5, 10, 11]
@@ -99,8 +99,8 @@ def test_links_follow_the_arms_of_the_paper_s_team():
         assert np.all(np.abs(contact["on_box_m"]) <= np.array(shape["payload"]["half_m"]).max() + 1e-12)
 
 
-def test_the_longest_arrows_fit_the_team():
-    written = embedded(playback.build_page({"C1": random_log(flights.PAPER._replace(time=1000))}, CASES))
+def test_arrow_scale_fits_the_team():
+    written = embedded_data(playback.build_page({"C1": random_log(flights.PAPER._replace(time=1000))}, CASES))
     size = written["shape"]["size_m"]
     forces = {"contact": "lam", "disturbance": "disturbance", "thrust": "u"}
     for kind, track in forces.items():
@@ -111,16 +111,16 @@ def test_the_longest_arrows_fit_the_team():
         assert f"{scale:.0e}"[0] in "125"
 
 
-def test_twenty_seconds_of_three_cases_take_two_megabytes():
-    """Twenty seconds of three cases take two megabytes at most."""
+def test_page_size_is_limited():
+    """Twenty seconds of three cases have at most two megabytes."""
     ds = random_log(flights.PAPER._replace(time=10_000))
     assert len(playback.build_page(dict.fromkeys(("C1", "C2", "C3"), ds), experiment.PAPER_CASES)) < 2e6
 
 
-def test_a_page_asks_for_nothing_and_no_name_ends_it_early():
+def test_page_makes_no_request_and_escapes_names():
     odd = "</script><img src=x>"
     text = playback.build_page({"C1": random_log()}, {"C1": odd})
-    assert embedded(text)["cases"][0]["label"] == odd
+    assert embedded_data(text)["cases"][0]["label"] == odd
     assert "<img" not in text
     assert "default-src 'none'" in text
     assert not re.search(r"(?:src|href)=[\"'](?!data:)", text.split("<script")[0])
@@ -138,7 +138,7 @@ def test_a_page_asks_for_nothing_and_no_name_ends_it_early():
         ('{"name": 1}', r"cannot read the scenario in the log \(name: must be text, got 1\): run colift study again"),
     ],
 )
-def test_a_log_without_a_scenario_is_refused(scenario_json, answer):
+def test_log_without_scenario_is_refused(scenario_json, answer):
     ds = random_log()
     ds.attrs |= {"scenario_json": scenario_json}
     ds.attrs = {name: value for name, value in ds.attrs.items() if value is not None}
@@ -147,43 +147,43 @@ def test_a_log_without_a_scenario_is_refused(scenario_json, answer):
     assert "\n" not in str(refused.value)
 
 
-def test_a_folder_without_flights_of_one_run_is_one_line(tmp_path):
-    """A folder without flights of one run is one line and status 2."""
+def test_folder_without_flights_gives_one_line(tmp_path):
+    """A folder without flights of one run gives one line and status 2."""
     log.save(random_log(), tmp_path / "C1.nc")
     log.save(random_log().assign_attrs(run="colift-run-ba9876543210"), tmp_path / "C3.nc")
     (tmp_path / "empty").mkdir()
     for out, answer in ((tmp_path, "contains logs of 2 runs"), (tmp_path / "empty", "contains no log (C1.nc, ")):
-        said = CliRunner().invoke(app, ["playback", str(out)])
-        assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
-        assert f"{out} {answer}" in said.stderr
+        result = CliRunner().invoke(app, ["playback", str(out)])
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+        assert f"{out} {answer}" in result.stderr
         assert not (out / "view.html").exists()
 
 
-def test_the_command_says_where_the_page_is_and_opens_it_only(tmp_path, monkeypatch):
-    """The command says where the page is and opens it only if asked."""
+def test_command_prints_the_path_of_the_page(tmp_path, monkeypatch):
+    """The command prints the path of the page and opens it only on request."""
     log.save(random_log(), tmp_path / "C1.nc")
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
-    said = CliRunner().invoke(app, ["playback", str(tmp_path)])
-    assert (said.exit_code, said.stdout) == (0, f"the flights are in {tmp_path / 'view.html'}\n")
+    result = CliRunner().invoke(app, ["playback", str(tmp_path)])
+    assert (result.exit_code, result.stdout) == (0, f"the flights are in {tmp_path / 'view.html'}\n")
     assert opened == []
-    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
-    assert (said.exit_code, opened) == (0, [(tmp_path / "view.html").as_uri()])
-    said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
-    assert (said.exit_code, said.stderr) == (2, "no browser was found to open the page\n")
+    result = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
+    assert (result.exit_code, opened) == (0, [(tmp_path / "view.html").as_uri()])
+    result = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
+    assert (result.exit_code, result.stderr) == (2, "no browser was found to open the page\n")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["C1.nc", "view.html"]
     (tmp_path / "view.html").write_text("of someone else")
-    said = CliRunner().invoke(app, ["playback", str(tmp_path)])
-    assert said.exit_code == 2
-    assert "contains view.html, which colift did not write" in said.stderr
+    result = CliRunner().invoke(app, ["playback", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "contains view.html, which colift did not write" in result.stderr
     assert (tmp_path / "view.html").read_text() == "of someone else"
 
 
-def test_the_next_study_removes_the_page(made):
-    assert made in run_directory.list_files(made.parent, study.STUDY_FILES)
+def test_next_study_removes_the_page(make_page):
+    assert make_page in run_directory.list_files(make_page.parent, study.STUDY_FILES)
 
 
-# The bundle -----------------------------------------------------------------------------------------------------------
+# Bundle ---------------------------------------------------------------------------------------------------------------
 
 SOURCES = ROOT / "playback"
 BUNDLE = ROOT / "src" / "colift" / "visualization" / "playback.js"
@@ -191,7 +191,7 @@ LOCK = json.loads((SOURCES / "package-lock.json").read_text())
 
 
 def installed() -> bool:
-    """Whether the modules that the lock names are there."""
+    """Return whether the locked JavaScript packages are installed."""
     names = ("esbuild", "three", "uplot")
     files = [SOURCES / "node_modules" / name / "package.json" for name in names]
     return all(
@@ -203,12 +203,12 @@ def installed() -> bool:
 
 @pytest.mark.skipif(shutil.which("node") is None, reason="there is no Node")
 @pytest.mark.skipif(not installed(), reason="`npm ci` was not run in playback")
-def test_the_bundle_is_what_its_sources_build_byte_for_byte(tmp_path):
+def test_bundle_build_is_reproducible(tmp_path):
     subprocess.run(["node", "build.js", str(tmp_path / "playback.js")], cwd=SOURCES, check=True, timeout=120)
     assert (tmp_path / "playback.js").read_bytes() == BUNDLE.read_bytes()
 
 
-def test_the_bundle_keeps_the_licences_of_what_it_contains():
+def test_bundle_contains_its_licenses():
     text, notices = BUNDLE.read_text(), (ROOT / "THIRD_PARTY.md").read_text()
     assert text.count("Permission is hereby granted, free of charge") == 2
     for name, holder in {"three": "three.js authors", "uplot": "Leon Sorokin"}.items():
@@ -217,15 +217,15 @@ def test_the_bundle_keeps_the_licences_of_what_it_contains():
         assert LOCK["packages"][f"node_modules/{name}"]["license"] == "MIT"
 
 
-def test_the_lock_of_the_bundle_pins_and_hashes_everything():
-    """The lock of the bundle pins and hashes everything and names no registry."""
+def test_bundle_lock_has_versions_and_hashes():
+    """The lock of the bundle has versions and hashes of all packages and no registry address."""
     for name, package in LOCK["packages"].items():
         if name:
             assert package["integrity"].startswith("sha512-")
             assert "resolved" not in package
 
 
-# In a browser ---------------------------------------------------------------------------------------------------------
+# Browser --------------------------------------------------------------------------------------------------------------
 
 
 @contextlib.contextmanager
@@ -235,24 +235,24 @@ def opened(tmp_path_factory: pytest.TempPathFactory, *flags: str) -> Iterator[br
 
 
 @pytest.fixture(scope="module")
-def window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Page]:
-    """A browser for the tests of this module."""
+def browser_window(tmp_path_factory: pytest.TempPathFactory) -> Iterator[browser.Page]:
+    """Browser for the tests of this module."""
     with opened(tmp_path_factory) as page:
         yield page
 
 
 @pytest.fixture
-def page(window: browser.Page, made: Path) -> Iterator[browser.Page]:
-    """The page in it, which asked for nothing and complained of nothing when the test is over."""
-    window.requests.clear()
-    window.open(made)
-    yield window
-    assert window.complaints == []
-    assert set(window.requests) == {made.as_uri()}
+def page(browser_window: browser.Page, make_page: Path) -> Iterator[browser.Page]:
+    """Page in the browser; at the end it must have made no request and reported no error."""
+    browser_window.requests.clear()
+    browser_window.open(make_page)
+    yield browser_window
+    assert browser_window.complaints == []
+    assert set(browser_window.requests) == {make_page.as_uri()}
 
 
-def part(page: browser.Page, selector: str) -> Image.Image:
-    """The picture of one element."""
+def element_picture(page: browser.Page, selector: str) -> Image.Image:
+    """Return the picture of one element."""
     box = page.evaluate(
         f"(({{left, top, right, bottom}}) => [left, top, right, bottom])"
         f"(document.querySelector('{selector}').getBoundingClientRect())"
@@ -260,14 +260,14 @@ def part(page: browser.Page, selector: str) -> Image.Image:
     return Image.open(io.BytesIO(page.picture())).convert("RGB").crop([round(x) for x in box])
 
 
-def differ(one: Image.Image, other: Image.Image) -> int:
-    """How many pixels do."""
+def differing_pixels(one: Image.Image, other: Image.Image) -> int:
+    """Return the number of pixels that differ."""
     return int((np.asarray(one, dtype=int) != np.asarray(other)).any(axis=-1).sum())
 
 
 @needs_browser
-def test_it_renders(page):
-    colours = part(page, "#stage").getcolors(1 << 20)
+def test_page_renders(page):
+    colours = element_picture(page, "#stage").getcolors(1 << 20)
     assert len(colours) > 200
     assert max(count for count, _ in colours) < 0.9 * sum(count for count, _ in colours)
     assert page.evaluate("document.querySelectorAll('.uplot canvas').length") == 4
@@ -280,7 +280,7 @@ def test_it_renders(page):
 
 @needs_browser
 @pytest.mark.parametrize("case", CASES)
-def test_seek_moves_the_payload_by_what_the_log_says(page, flown, case):
+def test_seek_moves_the_payload_to_the_logged_position(page, flown, case):
     ds = flown[case]
     page.evaluate(f"document.querySelectorAll('.chip')[{list(CASES).index(case)}].click()")
     at = scene.frame_rows(ds)
@@ -296,11 +296,11 @@ def test_seek_moves_the_payload_by_what_the_log_says(page, flown, case):
 
 
 @needs_browser
-def test_a_seek_is_seen(page):
-    before = part(page, "#stage")
+def test_seek_changes_the_picture(page):
+    before = element_picture(page, "#stage")
     page.evaluate("seek(1.2)")
     page.settle()
-    assert differ(before, part(page, "#stage")) > 500
+    assert differing_pixels(before, element_picture(page, "#stage")) > 500
     assert page.evaluate("document.querySelector('#clock').textContent") == "1.20 s"
     assert page.evaluate("document.querySelector('#mode').textContent") == "C3: learning ended, 1 of 1 updates"
     page.evaluate("seek(-3)")
@@ -308,7 +308,7 @@ def test_a_seek_is_seen(page):
 
 
 @needs_browser
-def test_the_keyboard_plays_steps_and_follows(page):
+def test_keyboard_controls(page):
     page.press("ArrowRight")
     page.press("ArrowRight")
     page.press("ArrowLeft")
@@ -331,8 +331,8 @@ def test_the_keyboard_plays_steps_and_follows(page):
 
 
 @needs_browser
-def test_faster_is_faster_and_a_button_that_was_pressed(page):
-    """Faster is faster and a button that was pressed does not take the space."""
+def test_speed_buttons_and_keyboard_focus(page):
+    """A higher speed is faster, and the space key does not press a focused button again."""
     page.evaluate("document.querySelector('#speed').value = 0.1, document.querySelector('#speed').onchange()")
     assert page.evaluate("state().speed") == 0.1
     box = page.evaluate("(({x, y}) => [x, y])(document.querySelector('#play').getBoundingClientRect())")
@@ -343,31 +343,31 @@ def test_faster_is_faster_and_a_button_that_was_pressed(page):
 
 
 @needs_browser
-def test_cases_are_chosen_and_others_are_ghosts(page):
+def test_selected_case_is_solid_and_others_transparent(page):
     page.evaluate("seek(1.4)")
     assert page.evaluate("state().case") == "C3"
     page.settle()
-    with_ghost = part(page, "#stage")
+    with_ghost = element_picture(page, "#stage")
     page.evaluate("document.querySelector('#ghosts').click()")
     page.settle()
     assert not page.evaluate("state().ghosts")
-    assert differ(with_ghost, part(page, "#stage")) > 50
+    assert differing_pixels(with_ghost, element_picture(page, "#stage")) > 50
     page.evaluate("document.querySelector('.chip').click()")
     assert page.evaluate("state().case") == "C1"
     assert page.evaluate("document.querySelector('#mode').textContent") == "C1: no learned model"
 
 
 @needs_browser
-def test_arrows_are_left_out_one_kind_at_a_time(page):
+def test_arrows_can_be_hidden_by_kind(page):
     for kind in playback.ARROWS:
-        before = part(page, "#stage")
+        before = element_picture(page, "#stage")
         page.evaluate(f"document.querySelector('#legend .{kind} input').click()")
         page.settle()
-        assert differ(before, part(page, "#stage")) > 30, kind
+        assert differing_pixels(before, element_picture(page, "#stage")) > 30, kind
 
 
 @needs_browser
-def test_pointing_at_a_plot_goes_there(page):
+def test_click_on_a_plot_seeks(page):
     left, top, wide, tall = page.evaluate(
         "(({x, y, width, height}) => [x, y, width, height])(document.querySelector('.u-over').getBoundingClientRect())"
     )
@@ -378,11 +378,11 @@ def test_pointing_at_a_plot_goes_there(page):
 @needs_browser
 @pytest.mark.parametrize("width", [1280, 400])
 @pytest.mark.parametrize("dark", [False, True])
-def test_it_fits_a_window_and_a_phone_light_and_dark(page, made, width, dark):
-    page.open(made, width, dark=dark)
+def test_layout_fits_desktop_and_phone(page, make_page, width, dark):
+    page.open(make_page, width, dark=dark)
     assert page.evaluate("document.documentElement.scrollWidth") == width
     for place in ("header", "#stage"):
-        assert (sum(part(page, place).resize((1, 1)).getpixel((0, 0))) < 384) == dark
+        assert (sum(element_picture(page, place).resize((1, 1)).getpixel((0, 0))) < 384) == dark
     beyond = page.evaluate(
         "[...document.querySelectorAll('button, select, input, canvas, h2')]"
         ".filter((each) => each.getBoundingClientRect().right > innerWidth + 0.5).length"
@@ -391,27 +391,27 @@ def test_it_fits_a_window_and_a_phone_light_and_dark(page, made, width, dark):
 
 
 @needs_browser
-def test_a_flight_that_stopped_says_so_and_stays_where_it_ended(window, flown, tmp_path):
+def test_terminated_flight_stays_at_its_last_frame(browser_window, flown, tmp_path):
     early = flown["C1"].isel(time=slice(0, 300), time_sigma=slice(0, 20)).copy(deep=True)
     early.x[-1] = np.nan
     early.attrs |= {"termination_reason": "a made-up reason", "complete": 0}
     log.save(early, tmp_path / "C1.nc")
     log.save(flown["C3"], tmp_path / "C3.nc")
-    window.open(playback.write(tmp_path, CASES))
-    window.evaluate("document.querySelector('.chip').click(), seek(1.3)")
-    told = window.evaluate("document.querySelector('#mode').textContent")
-    assert told == f"C1: stopped at {float(early.time[-2]):.2f} s: a made-up reason"
-    np.testing.assert_allclose(window.evaluate("state().p"), early.p.values[-2], atol=1e-6)
-    assert window.complaints == []
+    browser_window.open(playback.write(tmp_path, CASES))
+    browser_window.evaluate("document.querySelector('.chip').click(), seek(1.3)")
+    status_text = browser_window.evaluate("document.querySelector('#mode').textContent")
+    assert status_text == f"C1: stopped at {float(early.time[-2]):.2f} s: a made-up reason"
+    np.testing.assert_allclose(browser_window.evaluate("state().p"), early.p.values[-2], atol=1e-6)
+    assert browser_window.complaints == []
 
 
 @needs_browser
-def test_without_webgl_the_plots_are_there(made, tmp_path_factory):
-    with opened(tmp_path_factory, "--disable-3d-apis") as blind:
-        blind.open(made)
-        assert blind.evaluate("document.querySelector('#blind').textContent").startswith(
+def test_plots_work_without_webgl(make_page, tmp_path_factory):
+    with opened(tmp_path_factory, "--disable-3d-apis") as without_webgl:
+        without_webgl.open(make_page)
+        assert without_webgl.evaluate("document.querySelector('#blind').textContent").startswith(
             "the 3D view is not available:"
         )
-        blind.evaluate("seek(1.0)")
-        assert blind.evaluate("document.querySelector('#clock').textContent") == "1.00 s"
-        assert blind.evaluate("document.querySelectorAll('.uplot canvas').length") == 4
+        without_webgl.evaluate("seek(1.0)")
+        assert without_webgl.evaluate("document.querySelector('#clock').textContent") == "1.00 s"
+        assert without_webgl.evaluate("document.querySelectorAll('.uplot canvas').length") == 4

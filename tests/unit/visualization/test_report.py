@@ -1,4 +1,4 @@
-"""The report: it says first what spoils a result, holds what the folder holds, and asks for nothing."""
+"""Tests of the report: warnings first, all files of the folder, no network requests."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ SUMMARY = {
 }
 
 
-def merits(**changed: Any) -> dict[str, Any]:
-    """What a summary says of a case without fault."""
+def metrics(**changed: Any) -> dict[str, Any]:
+    """Metrics of a case without problem, as in a summary."""
     body = {"violation_rate": {"force": 0.0, "moment": 0.0}}
     keys = ("e_p_rms_m", "e_R_rms", "Psi_mean", "delta_W_force_rms_N", "delta_W_moment_rms_Nm", "e_lam_rms_N")
     numbers = dict.fromkeys(
@@ -53,13 +53,13 @@ def merits(**changed: Any) -> dict[str, Any]:
 
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
-    """A folder as a study leaves it, of two short flights and one figure."""
-    for case, ds in played.flown().items():
+    """Folder of a study with two short flights and one figure."""
+    for case, ds in played.two_case_logs().items():
         log.save(ds, tmp_path / f"{case}.nc")
     named = PngInfo()
     named.add_text("Keywords", flights.RUN)
     Image.new("RGB", (8, 8), "red").save(tmp_path / "figure_1_tracking.png", pnginfo=named)
-    written(tmp_path, {case: merits() for case in played.CASES})
+    written(tmp_path, {case: metrics() for case in played.CASES})
     return tmp_path
 
 
@@ -68,13 +68,13 @@ def written(out: Path, cases: dict[str, Any], **changed: Any) -> None:
 
 
 def made(out: Path) -> str:
-    said = CliRunner().invoke(app, ["report", str(out)], catch_exceptions=False)
-    assert (said.exit_code, said.stdout) == (0, f"the report is {out / 'report.html'}\n"), said.stderr
+    result = CliRunner().invoke(app, ["report", str(out)], catch_exceptions=False)
+    assert (result.exit_code, result.stdout) == (0, f"the report is {out / 'report.html'}\n"), result.stderr
     return (out / "report.html").read_text()
 
 
-def test_a_report_holds_what_was_run_table_figures_playback(out):
-    """A report holds what was run table figures playback and settings."""
+def test_report_contents(out):
+    """A report contains run, table, figures, playback and settings."""
     text = made(out)
     assert html.escape(SUMMARY["command"]) in text
     assert run_directory.read_run_id(out / "report.html") == flights.RUN
@@ -90,29 +90,29 @@ def test_a_report_holds_what_was_run_table_figures_playback(out):
     assert 'id="flights"' in html.unescape(inside[1])
     settings = re.search(r"<pre>(.*?)</pre>", text, re.DOTALL)
     assert settings
-    assert scenario.parse(html.unescape(settings[1]), "report") == played.told()
+    assert scenario.parse(html.unescape(settings[1]), "report") == played.short_flight()
     assert (out / "report.html") in run_directory.list_files(out, study.STUDY_FILES)  # the next study removes it
 
 
-def test_a_report_asks_for_nothing_and_no_name_of_a_scenario(out):
-    """A report asks for nothing and no name of a scenario ends it early."""
-    written(out, {"C1": merits()}, command="</td><script>alert(1)</script>")
+def test_report_makes_no_request_and_escapes_names(out):
+    """A report makes no network request and escapes the name of the scenario."""
+    written(out, {"C1": metrics()}, command="</td><script>alert(1)</script>")
     text = made(out)
     assert "<script>" not in text
     assert "default-src 'none'" in text
     assert not re.search(r"""(?:src|href)=["']?(?!["']?data:)\w""", re.sub(r'srcdoc=".*?"', "", text, flags=re.DOTALL))
 
 
-def test_warnings_come_first_and_what_spoils_a_result_before(out):
-    """Warnings come first and what spoils a result before the rest."""
+def test_warnings_come_first(out):
+    """Warnings come first, beginning with those that invalidate a result."""
     broken = {"violation_rate": {"force": 0.25, "moment": 0.0}}
-    fallen = merits(
+    fallen = metrics(
         complete=False, termination_reason="beyond limits", saturated_ticks=7, warnings=["the step is too long"]
     )
     fallen["error_bound"] = {"payload": broken, "agents": []}
     written(
         out,
-        {"C1": merits(), "C3": fallen},
+        {"C1": metrics(), "C3": fallen},
         warnings=["unstable at rest"],
         error_bound_assumptions={"unproven_assumptions": ["norm"]},
     )
@@ -129,8 +129,8 @@ def test_warnings_come_first_and_what_spoils_a_result_before(out):
     ]
 
 
-def test_a_certificate_of_the_same_run(out):
-    """A certificate of the same run is in it and one of another is not."""
+def test_only_the_certificate_of_the_run_is_included(out):
+    """A certificate of the same run is included, and one of another run is not."""
     errors = ("e_p", "e_v", "e_R", "e_omega")
     bounds = {"a_posteriori": dict.fromkeys(errors, 2e-3), "a_priori": dict.fromkeys(errors)}
     bounds |= {"bound_over_observed": {kind: dict.fromkeys(errors, 1.5) for kind in bounds}}
@@ -161,8 +161,8 @@ def test_a_certificate_of_the_same_run(out):
     assert "assumed: first order" in text
 
 
-def test_differences_are_those_to_the_shipped_scenario_as_set():
-    """Differences are those to the shipped scenario as set takes them."""
+def test_differences_are_listed_as_overrides():
+    """Differences to the shipped scenario are listed as `--set` accepts them."""
     assert report.setting_differences(scenario.load_scenario("paper")) == []
     changed = ("payload.mass_kg=2", "agents.0.yaw_deg=30", "control.preview_step_s=0.03")
     found = report.setting_differences(scenario.load_scenario("paper", changed))
@@ -174,7 +174,7 @@ def test_differences_are_those_to_the_shipped_scenario_as_set():
     again = scenario.load_scenario("paper", [f"{where}={here}" for where, _, here in found])
     assert again == scenario.load_scenario("paper", changed)
     assert {where: there for where, there, _ in found}["control.preview_step_s"] == "absent"
-    assert report.setting_differences(played.told()) is None  # not shipped
+    assert report.setting_differences(played.short_flight()) is None  # not shipped
 
 
 @pytest.mark.parametrize(
@@ -188,18 +188,18 @@ def test_differences_are_those_to_the_shipped_scenario_as_set():
         ),
     ],
 )
-def test_a_folder_without_a_study_is_one_line_and_status_2(out, spoil, answer):
+def test_folder_without_study_gives_one_line_and_status_2(out, spoil, answer):
     spoil(out)
-    said = CliRunner().invoke(app, ["report", str(out)])
-    assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
-    assert answer in said.stderr
+    result = CliRunner().invoke(app, ["report", str(out)])
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert answer in result.stderr
     assert not (out / "report.html").exists()
 
 
 @pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")
 @pytest.mark.parametrize("width", [1280, 400])
-def test_a_browser_shows_it_without_a_network_and_plays(out, width, tmp_path_factory):
-    """A browser shows it without a network and plays the flights inside."""
+def test_browser_shows_the_report_and_plays(out, width, tmp_path_factory):
+    """A browser shows the report without a network and plays its flights."""
     made(out)
     with browser.page(tmp_path_factory.mktemp("profile")) as page:
         page.open(out / "report.html", width, ready="document.querySelector('iframe').contentWindow.state")
@@ -210,5 +210,5 @@ def test_a_browser_shows_it_without_a_network_and_plays(out, width, tmp_path_fac
         assert page.evaluate(f"{inside}.document.querySelectorAll('.uplot canvas').length") == 4
         assert page.evaluate("document.querySelector('img').naturalWidth") == 8
         assert page.complaints == []
-        assert {asked.split(":")[0] for asked in page.requests} <= {"file", "data"}
-        assert [asked for asked in page.requests if asked.startswith("file")] == [(out / "report.html").as_uri()]
+        assert {address.split(":")[0] for address in page.requests} <= {"file", "data"}
+        assert [address for address in page.requests if address.startswith("file")] == [(out / "report.html").as_uri()]

@@ -1,4 +1,4 @@
-"""What is seen of a flight: where bodies are at each time, by the model's kinematics, and what is told beside them."""
+"""Tests of scene data: positions of bodies by the model's kinematics, reference, disturbance and markers."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from tests.support.playback_logs import PAPER, random_log
 
 
 @pytest.fixture(scope="module")
-def told() -> scenario.Scenario:
-    return played.told()
+def settings() -> scenario.Scenario:
+    return played.short_flight()
 
 
 @pytest.fixture(scope="module")
-def flown() -> dict[str, xr.Dataset]:
-    return played.flown()
+def logs() -> dict[str, xr.Dataset]:
+    return played.two_case_logs()
 
 
-def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
+def test_positions_equal_the_kinematics():
     truth, _ = team.team(PAPER)
     z = initial_states.initial_state(PAPER, truth)
     (state,) = z.agents
@@ -52,21 +52,21 @@ def test_bases_joints_and_tips_are_where_the_kinematics_put_them():
     np.testing.assert_allclose(nodes[:, 4:].reshape(4, 3), held, atol=1e-9)
 
 
-def test_the_tips_stay_on_the_payload_along_a_flight(flown, told):
-    truth, _ = team.team(told)
-    for ds in flown.values():
+def test_tips_stay_on_the_payload(logs, settings):
+    truth, _ = team.team(settings)
+    for ds in logs.values():
         at, shown = ds.isel(time=scene.frame_rows(ds)), scene.frames(ds, truth)
         contacts = np.asarray(grasp.contact_points(truth))
         held = at.p.values[:, None] + np.einsum("tij,cj->tci", at.R_L.values, contacts)
         np.testing.assert_allclose(shown["nodes"][:, 1::2], held, atol=1e-8)
 
 
-def test_the_reference_is_the_scenario_s_and_the_disturbance(flown, told):
-    """The reference is the scenario is and the disturbance what its laws give."""
-    truth, _ = team.team(told)
-    ds = flown["C1"]
+def test_reference_and_disturbance_equal_the_scenario(logs, settings):
+    """The reference is the scenario's, and the disturbance is the force of its models."""
+    truth, _ = team.team(settings)
+    ds = logs["C1"]
     at, shown = ds.isel(time=scene.frame_rows(ds)), scene.frames(ds, truth)
-    path, sources = trajectories.make_reference(told), disturbances.make_disturbances(told)
+    path, sources = trajectories.make_reference(settings), disturbances.make_disturbances(settings)
     setpoint = jax.jit(jax.vmap(path.evaluate))(jnp.asarray(at.time.values))
     np.testing.assert_allclose(shown["p_d"], setpoint.p, atol=1e-12)
     w, x, y, z = np.moveaxis(shown["q_d"], -1, 0)
@@ -76,14 +76,14 @@ def test_the_reference_is_the_scenario_s_and_the_disturbance(flown, told):
     @jax.jit
     @jax.vmap
     def force(p, R, v, omega, t):
-        memory = init(sources, truth).payload
-        return payload_wrench(sources.payload, PayloadState(p=p, R=R, v=v, omega=omega), t, memory).F
+        state = init(sources, truth).payload
+        return payload_wrench(sources.payload, PayloadState(p=p, R=R, v=v, omega=omega), t, state).F
 
     moving = [jnp.asarray(at[name].values) for name in ("p", "R_L", "v", "omega_L")]
     np.testing.assert_allclose(shown["disturbance"], force(*moving, jnp.asarray(at.time.values)), atol=1e-6)
 
 
-def test_some_thirty_frames_a_second_are_drawn_and_the_last():
+def test_thirty_frames_per_second_and_the_last_one():
     ds = random_log(flights.PAPER._replace(time=1001))
     at = ds.time.values[scene.frame_rows(ds)]
     assert at[[0, -1]].tolist() == ds.time.values[[0, -1]].tolist()
@@ -95,7 +95,7 @@ def test_some_thirty_frames_a_second_are_drawn_and_the_last():
     assert scene.plot_signals(one)["e_p"].shape == (1, 1)
 
 
-def test_curves_are_those_of_the_log():
+def test_curves_equal_the_log():
     ds = random_log(flights.PAPER._replace(time=200))
     shown, at = scene.plot_signals(ds), scene.frame_rows(ds)
     np.testing.assert_allclose(shown["e_p"][:, 0], np.linalg.norm(ds.e_p[at], axis=1))
@@ -105,7 +105,7 @@ def test_curves_are_those_of_the_log():
     assert shown["sigma"][0].tolist() == [ds.sigma_L_force[0], ds.sigma_A_force[0]]
 
 
-def test_marks_are_spans_of_time():
+def test_event_markers_are_time_intervals():
     ds = random_log(flights.PAPER._replace(time=1000)).assign_attrs(update_times_s=[0.5, 1.0], T_end_s=1.0)
     ds.eta[:] = ds.eta * ((ds.time >= 0.2) & (ds.time <= 0.4))
     ds.thrust_saturated[:] = False

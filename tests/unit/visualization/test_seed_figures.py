@@ -1,4 +1,4 @@
-"""Figures of merit over seeds: what is drawn of which."""
+"""Test of figures of metrics over seeds."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from colift.visualization import seed_figures
 from tests.support.study_logs import TOLD
 
 
-def test_the_spread_over_seeds_has_a_mark_for_each_and_a_line(tmp_path):
-    """The spread over seeds has a mark for each and a line at the median."""
+def test_seed_figure_has_markers_and_a_median_line(tmp_path):
+    """The figure has a marker for each seed and a line at the median."""
     merits = dict.fromkeys(seed_figures.METRICS, 0.0)
     found = [
         {case: dict.fromkeys(merits, 0.001 * (k + 1)) for case in ("C1", "true_residual", "mine")} for k in range(5)

@@ -1,4 +1,4 @@
-"""The figures: what is drawn is what was logged, every axis has its unit, and nothing is hidden or cut off."""
+"""Tests of figures: they draw the logged values, every axis has its unit, nothing is hidden or cut off."""
 
 import itertools
 import re
@@ -31,18 +31,18 @@ FIGURES = COMPARED | LOOKED_INTO
 pytestmark = pytest.mark.usefixtures("style")
 
 
-def shown(draw, cases):
-    """The cases that `figures` hands to a figure."""
+def cases_of(draw, cases):
+    """Return the cases that `write_figures` draws in a figure."""
     return cases if draw in COMPARED.values() else {name: cases[name] for name in CASES if name in cases}
 
 
-def curves(ax, name):
-    """The curves that a panel draws in the colour of a case."""
+def curves_of(ax, name):
+    """Return the curves of an axes object in the color of a case."""
     return [line for line in ax.lines if line.get_color() == style.style_of(name).color]
 
 
-def stop(ds, ticks):
-    """A flight that ended early, with a last tick that is not finite."""
+def terminate(ds, ticks):
+    """Return a flight that ended early with a last step that is not finite."""
     early = ds.isel(time=slice(ticks), time_sigma=slice(-(-ticks // 5))).copy(deep=True)
     early.e_p[-1], early.lam[-1] = np.nan, np.nan
     early.delta_W_force[-1] = early.delta_W_moment[-1] = np.inf
@@ -51,7 +51,7 @@ def stop(ds, ticks):
 
 @pytest.fixture(scope="module")
 def folder(cases, tmp_path_factory):
-    """A folder of figures, drawn in the style of the library."""
+    """Folder of figures drawn in the style of the library."""
     folder = tmp_path_factory.mktemp("figures")
     with mpl.style.context("default"):
         files = study_figures.write_figures(cases, TOLD, folder)
@@ -67,7 +67,7 @@ def test_figures_are_written_as_pdf_and_png(folder):
             with Image.open(file) as image:
                 assert image.info["Keywords"] == flights.RUN
                 assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
-                assert image.width == pytest.approx(300 * style.PAGE, abs=1)
+                assert image.width == pytest.approx(300 * style.PAGE_WIDTH, abs=1)
                 assert image.convert("L").getextrema()[1] == 255
                 assert image.convert("L").getextrema()[0] < 40
         else:
@@ -79,8 +79,8 @@ def test_figures_are_written_as_pdf_and_png(folder):
 
 
 @pytest.mark.long
-def test_the_same_data_give_the_same_bytes_whatever_a_user(cases, folder, tmp_path):
-    """The same data give the same bytes whatever a user has set."""
+def test_figures_are_reproducible_for_any_user_style(cases, folder, tmp_path):
+    """Equal data give equal bytes, whatever style a user has set."""
     with mpl.rc_context({"font.size": 20, "lines.linewidth": 5, "axes.facecolor": "red", "savefig.dpi": 50}):
         before = dict(mpl.rcParams)
         study_figures.write_figures(cases, TOLD, tmp_path)
@@ -91,7 +91,7 @@ def test_the_same_data_give_the_same_bytes_whatever_a_user(cases, folder, tmp_pa
 
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=FIGURES)
 def test_every_axis_has_a_unit(cases, draw):
-    figure = draw(shown(draw, cases))
+    figure = draw(cases_of(draw, cases))
     for ax in figure.axes:
         grid = ax.get_subplotspec()
         if grid.is_first_col():
@@ -102,10 +102,10 @@ def test_every_axis_has_a_unit(cases, draw):
 
 @pytest.mark.parametrize("draw", FIGURES.values(), ids=FIGURES)
 @pytest.mark.parametrize("stopped", [False, True])
-def test_nothing_is_cut_off_and_no_legend_hides_a_panel(cases, draw, stopped):
-    chosen = dict(shown(draw, cases))
+def test_figures_are_complete_and_legends_hide_nothing(cases, draw, stopped):
+    chosen = dict(cases_of(draw, cases))
     if stopped:
-        chosen |= {"C2": stop(chosen["C2"], 123), "C3": stop(chosen["C3"], 1)}
+        chosen |= {"C2": terminate(chosen["C2"], 123), "C3": terminate(chosen["C3"], 1)}
     figure = draw(chosen)
     figure.draw_without_rendering()
     page = figure.bbox
@@ -129,8 +129,8 @@ def linear(color):
     return np.array(to_rgb(color)) ** 2.2
 
 
-def test_cases_are_told_apart_in_black_and_white():
-    """Cases are told apart in black and white and by any colour vision."""
+def test_cases_are_distinguishable_in_grayscale():
+    """Cases differ in grayscale and for color-blind readers."""
     looks = list(style.LINE_STYLES.values())
     assert len({each.marker for each in looks}) == len(looks)
     assert len({each.marker for each in (*looks, *style.FALLBACK_STYLES)}) == len(looks) + len(style.FALLBACK_STYLES)
@@ -138,11 +138,14 @@ def test_cases_are_told_apart_in_black_and_white():
         116 * (linear(style.style_of(name).color) @ [0.2126, 0.7152, 0.0722]) ** (1 / 3) - 16 for name in CASES
     )
     assert np.diff(lightness).min() > 15  # CIE L*
-    assert lightness[-1] < 80  # still seen on white
+    assert lightness[-1] < 80  # visible on white
     # Vienot, Brettel, Mollon (1999): what a reader without the long or middle cones sees, in linear RGB
     lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
-    blind = {"L": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]], "M": [[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]]}
-    for without in blind.values():
+    matrices = {
+        "L": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]],
+        "M": [[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]],
+    }
+    for without in matrices.values():
         seen = {
             each: np.clip(np.linalg.solve(lms, np.array(without) @ lms @ linear(style.LINE_STYLES[each].color)), 0, 1)
             for each in style.LINE_STYLES
@@ -153,14 +156,14 @@ def test_cases_are_told_apart_in_black_and_white():
             assert apart > (0.15 if same_stroke else 0), (one, other)
 
 
-def test_a_case_without_a_look_of_its_own_has_the_same():
-    """A case without a look of its own has the same in every figure."""
+def test_user_case_has_one_style():
+    """A user-defined case has the same style in every figure."""
     assert style.style_of("mine") == style.style_of("mine")
     assert style.style_of("mine") in style.FALLBACK_STYLES
     assert not style.style_of("mine").is_baseline
 
 
-def test_the_page_draws_cases_in_the_colours_of_the_figures():
+def test_page_uses_the_colors_of_the_figures():
     source = (Path(__file__).parents[3] / "playback" / "src" / "look.js").read_text()
     table = dict(re.findall(r'^  (\w+): \["(#\w{6})"', source, re.MULTILINE))
     assert table == {name: each.color.lower() for name, each in style.LINE_STYLES.items()}
@@ -173,27 +176,27 @@ def test_the_page_draws_cases_in_the_colours_of_the_figures():
 def test_figure_1_draws_the_errors_of_every_case(cases, name):
     ds = cases[name]
     top, bottom = study_figures.plot_tracking_error(cases, TOLD).axes
-    ((line,), (below,)) = curves(top, name), curves(bottom, name)
+    ((line,), (below,)) = curves_of(top, name), curves_of(bottom, name)
     np.testing.assert_array_equal(line.get_xdata(), ds.time)
     np.testing.assert_allclose(line.get_ydata(), np.sqrt((ds.e_p**2).sum("axis")), rtol=1e-14)
     np.testing.assert_array_equal(below.get_ydata(), ds.Psi)
     assert {top.get_yscale(), bottom.get_yscale()} == {"log"}
 
 
-def test_fast_logs_are_thinned_to_a_point_each_10_ms(cases):
+def test_fast_logs_are_decimated_to_10_ms(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=300))
-    (line,) = curves(study_figures.plot_tracking_error({"C3": ds}, TOLD).axes[0], "C3")
+    (line,) = curves_of(study_figures.plot_tracking_error({"C3": ds}, TOLD).axes[0], "C3")
     np.testing.assert_allclose(np.diff(line.get_xdata()), 0.01)
     np.testing.assert_allclose(line.get_ydata(), np.linalg.norm(ds.e_p, axis=1)[::5], rtol=1e-14)
 
 
-def test_figure_2_draws_the_rms_of_the_mismatch_over_the_window(cases):
-    """Figure 2 draws the rms of the mismatch over the window that its label states."""
+def test_figure_2_draws_the_rms_mismatch(cases):
+    """Figure 2 draws the RMS of the mismatch over the window that its label states."""
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))
     figure = study_figures.plot_wrench_mismatch({"C3": ds}, TOLD)
     for ax, part in zip(figure.axes, (ds.delta_W_force, ds.delta_W_moment), strict=True):
         assert f"({axes.SMOOTHING_WINDOW} s RMS)" in ax.get_ylabel()
-        (line,) = curves(ax, "C3")
+        (line,) = curves_of(ax, "C3")
         power = (part**2).sum("axis").values
         for t, y in list(zip(line.get_xdata(), line.get_ydata(), strict=True))[15:-15:7]:
             near = np.abs(ds.time.values - t + 0.001) < axes.SMOOTHING_WINDOW / 2  # 100 ticks about t
@@ -228,43 +231,44 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
         assert (window.get_x(), window.get_x() + window.get_width()) == pytest.approx((8, 14), abs=1e-9)
 
 
-def test_no_legend_explains_what_is_not_there(cases):
-    calm = cases["C3"].copy(deep=True)
+def test_legends_have_no_missing_entries(cases):
+    small_errors = cases["C3"].copy(deep=True)
     for name in ("rho_bar_L_force", "rho_bar_L_moment", "rho_bar_j_force", "rho_bar_j_moment"):
-        calm[name][:] = 1e3
-    calm.eta[:] = 0
-    said = [
-        text.get_text() for text in uncertainty_figures.plot_error_radius({"C3": calm}, TOLD).legends[0].get_texts()
+        small_errors[name][:] = 1e3
+    small_errors.eta[:] = 0
+    texts_of_legends = [
+        text.get_text()
+        for text in uncertainty_figures.plot_error_radius({"C3": small_errors}, TOLD).legends[0].get_texts()
     ]
-    assert said[2:] == list(calm.agent.values)
-    forces = study_figures.plot_contact_forces({"C3": calm}, TOLD)
-    assert len(forces.axes) == 2  # no row for what does not act
+    assert texts_of_legends[2:] == list(small_errors.agent.values)
+    forces = study_figures.plot_contact_forces({"C3": small_errors}, TOLD)
+    assert len(forces.axes) == 2  # no row without internal forces
     assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
 
 
-def test_figure_7_draws_what_labels_say_where_they_stop(cases, tmp_path):
-    """Figure 7 draws what labels say where they stop and when the world changed."""
+def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
+    """Figure 7 draws innovations, the end of labels and change points."""
     rng, ds = np.random.default_rng(4), cases["C3"]
-    told = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
-    heard = ds.assign(
+    attributes = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
+    with_labels = ds.assign(
         innovation_L_force=(ds.p.dims, rng.normal(size=ds.p.shape)),
         innovation_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
         model_gain_L_force=(ds.p.dims, rng.uniform(size=ds.p.shape)),
         model_gain_L_moment=(ds.p.dims, rng.uniform(size=ds.p.shape)),
         correction_weight=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
-    ).assign_attrs(**told, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
-    figure = study_figures.plot_online_correction({"C3": heard}, TOLD)
+    ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
+    figure = study_figures.plot_online_correction({"C3": with_labels}, TOLD)
     error, payload, agents, used, points = figure.axes
     np.testing.assert_allclose(
-        used.lines[0].get_ydata(), log.stack_parts(heard, "model_gain_L").mean("component"), rtol=1e-14
+        used.lines[0].get_ydata(), log.stack_parts(with_labels, "model_gain_L").mean("component"), rtol=1e-14
     )
-    np.testing.assert_array_equal(used.lines[1].get_ydata(), heard.correction_weight)
+    np.testing.assert_array_equal(used.lines[1].get_ydata(), with_labels.correction_weight)
     np.testing.assert_allclose(
-        payload.lines[0].get_ydata(), np.linalg.norm(heard.innovation_L_force, axis=1), rtol=1e-14
+        payload.lines[0].get_ydata(), np.linalg.norm(with_labels.innovation_L_force, axis=1), rtol=1e-14
     )
-    for line, name in zip(agents.lines, heard.agent.values, strict=False):
+    for line, name in zip(agents.lines, with_labels.agent.values, strict=False):
         np.testing.assert_allclose(
-            line.get_ydata(), np.linalg.norm(heard.innovation_x.sel(agent=name), axis=1), rtol=1e-14
+            line.get_ydata(), np.linalg.norm(with_labels.innovation_x.sel(agent=name), axis=1), rtol=1e-14
         )
     for ax in figure.axes:
         assert [
@@ -282,7 +286,7 @@ def test_figure_7_draws_what_labels_say_where_they_stop(cases, tmp_path):
     np.testing.assert_array_equal(points.lines[0].get_ydata(), [0, 20, 30, 30])
     np.testing.assert_array_equal(points.lines[1].get_ydata(), np.array([0, 44, 60, 60]) / ds.sizes["agent"])
     assert error.get_yscale() == "log"
-    names = {path.stem for path in study_figures.write_figures({"C3": heard, "C1": cases["C1"]}, TOLD, tmp_path)}
+    names = {path.stem for path in study_figures.write_figures({"C3": with_labels, "C1": cases["C1"]}, TOLD, tmp_path)}
     assert "figure_7_reaction" in names
     explained = {text.get_text() for text in figure.legends[0].get_texts()}
     assert {
@@ -291,28 +295,29 @@ def test_figure_7_draws_what_labels_say_where_they_stop(cases, tmp_path):
         "change point",
         "refit",
     } <= explained
-    calm = heard.assign(correction_weight=heard.correction_weight * 0 + 1)
-    calm.attrs |= {
+    small_errors = with_labels.assign(correction_weight=with_labels.correction_weight * 0 + 1)
+    small_errors.attrs |= {
         "change_points": "",
         "refits": "",
-        "num_samples_agents": 2 * np.array(heard.attrs["num_samples_payload"]),
+        "num_samples_agents": 2 * np.array(with_labels.attrs["num_samples_payload"]),
     }
     explained = {
-        text.get_text() for text in study_figures.plot_online_correction({"C3": calm}, TOLD).legends[0].get_texts()
+        text.get_text()
+        for text in study_figures.plot_online_correction({"C3": small_errors}, TOLD).legends[0].get_texts()
     }
     always = {"model gain, payload", "correction weight"}
-    assert explained == {*calm.agent.values, *always}, "what is not shown is not explained"
+    assert explained == {*small_errors.agent.values, *always}, "legend entry without a curve"
 
 
-def test_flights_of_one_tick_are_drawn(cases):
-    short = {name: stop(cases[name], 1) for name in CASES}
+def test_flights_of_one_step_are_drawn(cases):
+    short = {name: terminate(cases[name], 1) for name in CASES}
     for draw in FIGURES.values():
         assert draw(short).axes[-1].get_xlim() == (0, 1)
 
 
 def test_without_internal_forces_no_window_is_shaded(cases):
-    silent = cases["C3"].isel(eta_index=slice(0))
-    for ax in study_figures.plot_contact_forces({"C3": silent}, TOLD).axes:
+    without_internal = cases["C3"].isel(eta_index=slice(0))
+    for ax in study_figures.plot_contact_forces({"C3": without_internal}, TOLD).axes:
         assert not ax.patches
 
 
@@ -325,7 +330,7 @@ def test_teams_of_unlike_agents_have_a_row_each():
 
 @pytest.mark.parametrize("draw", COMPARED.values(), ids=COMPARED)
 def test_updates_and_the_end_of_learning_are_marked(cases, draw):
-    figure = draw(shown(draw, cases))
+    figure = draw(cases_of(draw, cases))
     for ax in figure.axes:
         marks = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2]
         assert sorted(marks) == [2.5, 4.5, 6.5, 8.5, 10.0]
@@ -335,7 +340,7 @@ def test_updates_and_the_end_of_learning_are_marked(cases, draw):
     assert "end" in texts[10.0]
 
 
-def test_what_goes_on_learning_has_no_end_and_names_no_updates(cases):
+def test_continued_learning_has_no_end_marker(cases):
     on = cases["C3"].assign_attrs(update_times_s=[2.5, 6.0, 12.0])
     marks = lambda figure: [ln.get_xdata()[0] for ln in figure.axes[0].lines if len(ln.get_xdata()) == 2]  # noqa: E731
     beside = study_figures.plot_tracking_error({"C2": cases["C2"], "adaptive": on}, TOLD)
@@ -345,11 +350,11 @@ def test_what_goes_on_learning_has_no_end_and_names_no_updates(cases):
     assert not alone.axes[0].texts
 
 
-def test_a_flight_that_stopped_ends_in_a_cross_at_its_last(cases):
-    """A flight that stopped ends in a cross at its last finite value."""
-    chosen = {"C1": cases["C1"], "C3": stop(cases["C3"], 123)}
+def test_terminated_flight_ends_in_a_cross(cases):
+    """A terminated flight ends in a cross at its last finite value."""
+    chosen = {"C1": cases["C1"], "C3": terminate(cases["C3"], 123)}
     top, _ = study_figures.plot_tracking_error(chosen, TOLD).axes
-    line, cross = curves(top, "C3")
+    line, cross = curves_of(top, "C3")
     assert cross.get_marker() == "x"
     assert cross.get_xdata() == pytest.approx([cases["C3"].time[121].item()])
     assert cross.get_ydata() == pytest.approx([np.linalg.norm(cases["C3"].e_p[121])])
@@ -360,8 +365,8 @@ def test_a_flight_that_stopped_ends_in_a_cross_at_its_last(cases):
     assert titles == ["C1 no learning", "C3 payload and agent learning\n(stopped at 6.1 s)"]
 
 
-def test_rivals_alone_are_drawn_and_beside_others_left_out(cases, tmp_path, monkeypatch):
-    """Rivals alone are drawn and beside others left out where a case is looked into."""
+def test_baselines_are_omitted_beside_other_cases(cases, tmp_path, monkeypatch):
+    """Baselines are drawn if alone, and omitted beside other cases in figures of single cases."""
     drawn = {}
     plots = {
         "team": "plot_team",
@@ -396,7 +401,7 @@ def test_the_team_is_drawn_with_its_names(cases):
     assert not far.texts
 
 
-def test_a_folder_that_cannot_be_written_is_one_line(cases, tmp_path):
+def test_unwritable_folder_gives_one_line(cases, tmp_path):
     with pytest.raises(OSError, match=r"cannot write .*figure_0_team") as caught:
         study_figures.write_figures(cases, TOLD, tmp_path / "missing")
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Figures 3 and 5: every deviation and every radius stands beside the true error that it is of."""
+"""Tests of figures 3 and 5: every standard deviation and every bound is drawn with its true error."""
 
 import numpy as np
 import pytest
@@ -11,8 +11,8 @@ from tests.support.study_logs import CASES, TOLD
 pytestmark = pytest.mark.usefixtures("style")
 
 
-def bodies(ds, names):
-    """By part of payload and agents: norms over force and over moment of the payload's signals, f_x, f_w and f_r."""
+def error_norms(ds, names):
+    """Return norms over force and moment of the payload's signals and of f_x, f_w and f_r of the agents."""
     load, f_x, f_w, f_r = names
     found = [[np.linalg.norm(load[:, :3], axis=1)], [np.linalg.norm(load[:, 3:], axis=1)], [], []]
     for agent in ds.agent.values:
@@ -29,11 +29,11 @@ def errors(ds):
     pairs = [(ds[f], ds[f"{f}_hat"]) for f in ("f_x", "f_w")]
     pairs.insert(0, (log.stack_parts(ds, "f_L"), log.stack_parts(ds, "f_L_hat")))
     pairs.append((log.all_joints(ds, "f_r"), log.all_joints(ds, "f_r_hat")))
-    return bodies(ds, [(exact - predicted)[at] for exact, predicted in pairs])
+    return error_norms(ds, [(exact - predicted)[at] for exact, predicted in pairs])
 
 
-def test_figure_3_draws_every_error_beside_its_deviation_force(cases):
-    """Figure 3 draws every error beside its deviation force and moment apart."""
+def test_figure_3_draws_errors_and_std(cases):
+    """Figure 3 draws every error with its standard deviation, for forces and moments separately."""
     figure = uncertainty_figures.plot_predictive_std({name: cases[name] for name in CASES}, TOLD)
     panels = np.array(figure.axes).reshape(4, 3)
     assert [ax.get_ylabel().split("[")[1] for ax in panels[:, 0]] == ["N]", "N m]", "N]", "N m]"]
@@ -42,7 +42,7 @@ def test_figure_3_draws_every_error_beside_its_deviation_force(cases):
         torque = np.hypot(ds.sigma_f_w, ds.label_bias_std_f_w)
         joint = np.hypot(log.all_joints(ds, "sigma_f_r"), log.all_joints(ds, "label_bias_std_f_r"))
         payload = log.stack_parts(ds, "predictive_std_f_L")
-        sigmas, true = bodies(ds, [payload, ds.predictive_std_f_x, torque, joint]), errors(ds)
+        sigmas, true = error_norms(ds, [payload, ds.predictive_std_f_x, torque, joint]), errors(ds)
         for ax, sigma, error in zip(panels[:, k], sigmas, true, strict=True):
             assert len(ax.lines) == 2 * len(sigma)
             for n, (expected, flown) in enumerate(zip(sigma, error, strict=True)):
@@ -55,8 +55,8 @@ def test_figure_3_draws_every_error_beside_its_deviation_force(cases):
     assert legend[2:] == list(cases["C1"].agent.values)
 
 
-def test_figure_3_draws_the_rms_of_the_error_over_the_window(cases):
-    """Figure 3 draws the rms of the error over the window that its legend states."""
+def test_figure_3_draws_the_rms_error(cases):
+    """Figure 3 draws the RMS of the error over the window that its legend states."""
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))  # radii each 10 ms
     line = uncertainty_figures.plot_predictive_std({"C3": ds}, TOLD).axes[0].lines[1]
     (error,) = errors(ds)[0]
@@ -64,8 +64,8 @@ def test_figure_3_draws_the_rms_of_the_error_over_the_window(cases):
         assert line.get_ydata()[i] == pytest.approx(np.sqrt((error[i - 10 : i + 10] ** 2).mean()), rel=1e-12)
 
 
-def test_figure_5_draws_every_radius_over_the_true_error(cases):
-    """Figure 5 draws every radius over the true error of its body."""
+def test_figure_5_draws_bounds_and_true_errors(cases):
+    """Figure 5 draws every bound with the true error of its body."""
     panels = np.array(uncertainty_figures.plot_error_radius({name: cases[name] for name in CASES}, TOLD).axes).reshape(
         4, 3
     )
@@ -84,8 +84,8 @@ def test_figure_5_draws_every_radius_over_the_true_error(cases):
                 assert bound.get_linewidth() > 2 * error.get_linewidth()
 
 
-def test_figure_5_shows_where_there_is_no_radius(cases):
-    """Figure 5 shows where there is no radius and where the error exceeds it."""
+def test_figure_5_marks_missing_and_exceeded_bounds(cases):
+    """Figure 5 marks missing bounds, and errors that exceed their bound."""
     ds = cases["C3"].copy(deep=True)
     ds.rho_bar_L_force[:] = 1e3
     ds.rho_bar_L_force[10:20] = np.inf
@@ -103,7 +103,7 @@ def test_figure_5_shows_where_there_is_no_radius(cases):
     assert legend[2:] == [*cases["C3"].agent.values, "no finite bound", "error above bound"]
 
 
-def test_figure_5_says_what_its_radii_rest_on(cases):
+def test_figure_5_names_its_assumptions(cases):
     title = uncertainty_figures.plot_error_radius({"C3": cases["C3"]}, TOLD).get_suptitle()
     assert "assumed: rkhs norm, bounded noise energy" in title
     met = cases["C3"].assign_attrs(bound_assumptions="")

@@ -13,18 +13,18 @@ from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
 from colift.onboard.control.tracking import AccelerationCommand
 
 
-def attitude_from_thrust(f: Float[Array, "3"], heading: Float[Array, ""]) -> Float[Array, "3 3"]:
+def attitude_from_thrust(f: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3 3"]:
     """Compute the attitude whose third axis is along a thrust and whose first axis has a given heading.
 
     Args:
         f: Thrust vector, not zero [N, world].
-        heading: Heading of the first axis [rad, world].
+        yaw: Heading of the first axis [rad, world].
 
     Returns:
         Attitude, body to world.
     """
     b3 = f / jnp.sqrt((f * f).sum())
-    b2 = so3.cross(b3, jnp.stack([jnp.cos(heading), jnp.sin(heading), jnp.zeros_like(heading)]))
+    b2 = so3.cross(b3, jnp.stack([jnp.cos(yaw), jnp.sin(yaw), jnp.zeros_like(yaw)]))
     b2 = b2 / jnp.sqrt((b2 * b2).sum())
     return jnp.stack([so3.cross(b2, b3), b2, b3], axis=1)
 
@@ -60,14 +60,14 @@ def thrust_attitude_setpoint(
     return AttitudeSetpoint(R=R, omega=so3.vee(R.T @ R_dot))
 
 
-def attitude_trajectory(f: Float[Array, "3 3"], heading: Float[Array, ""]) -> AttitudeSetpoint:
+def attitude_trajectory(f: Float[Array, "3 3"], yaw: Float[Array, ""]) -> AttitudeSetpoint:
     """Compute the attitude and its derivatives for a thrust vector with known derivatives.
 
     Along `f(s) = f_0 + f_1 s + f_2 s^2 / 2` at s = 0: `omega = vee(R^T R')`, `omega_dot = vee(R'^T R' + R^T R'')`.
 
     Args:
         f: Rows: thrust vector and its first and second time derivative [N, N/s, N/s^2, world].
-        heading: Constant heading of the first axis [rad, world].
+        yaw: Constant heading of the first axis [rad, world].
 
     Returns:
         Attitude, angular velocity and angular acceleration.
@@ -75,7 +75,7 @@ def attitude_trajectory(f: Float[Array, "3 3"], heading: Float[Array, ""]) -> At
     one = jnp.ones(())
 
     def rate(s: Float[Array, ""]) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
-        return jax.jvp(lambda s: attitude_from_thrust(f[0] + s * (f[1] + s * f[2] / 2), heading), (s,), (one,))
+        return jax.jvp(lambda s: attitude_from_thrust(f[0] + s * (f[1] + s * f[2] / 2), yaw), (s,), (one,))
 
     (R, R_1), (_, R_2) = jax.jvp(rate, (jnp.zeros(()),), (one,))
     return AttitudeSetpoint(R=R, omega=so3.vee(R.T @ R_1), omega_dot=so3.vee(R_1.T @ R_1 + R.T @ R_2))

@@ -27,7 +27,7 @@ def inertial_regressor(q: PayloadState, a: Float[Array, "3"], alpha: Float[Array
     """Compute the regressor ``Y`` of the inertial wrench of a rigid body.
 
     ``Y theta`` is the wrench ``F = m a + R (alpha x + w x (w x)) m c``, ``tau = m c x R^T a + J alpha + w x J w`` with
-    the parameters ``theta = (m, m c, J_xx, J_yy, J_zz, J_xy, J_xz, J_yz)``. Here ``c`` is the centre of mass and ``J``
+    the parameters ``theta = (m, m c, J_xx, J_yy, J_zz, J_xy, J_xz, J_yz)``. Here ``c`` is the center of mass and ``J``
     the inertia about the origin of the payload frame.
 
     Args:

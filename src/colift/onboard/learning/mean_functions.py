@@ -93,7 +93,7 @@ def zero_drag_thrust(sizes: Sequence[int]) -> DragThrustMean:
     return DragThrustMean(payload=jnp.zeros(4), agents=tuple(jnp.zeros((size, 2)) for size in sizes))
 
 
-def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], rest: Float[Array, "*batch rest"]) -> Array:
+def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], other: Float[Array, "*batch rest"]) -> Array:
     """Evaluate the basis functions ``1, p, p p^T, v, |v| v, rest``.
 
     They represent wind and springs to second order in space, linear and quadratic drag, and linear terms of the body's
@@ -102,7 +102,7 @@ def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], rest: Float[
     Args:
         p: Positions [m], world frame.
         v: Velocities [m/s], world frame.
-        rest: Other coordinates of the body.
+        other: Other coordinates of the body.
 
     Returns:
         Values of all basis functions on the last axis.
@@ -110,7 +110,7 @@ def basis(p: Float[Array, "*batch 3"], v: Float[Array, "*batch 3"], rest: Float[
     one = jnp.ones_like(p[..., :1])
     pairs = [p[..., i : i + 1] * p[..., i:] for i in range(3)]
     speed = jnp.sqrt((v * v).sum(-1, keepdims=True) + 1e-12)  # differentiable at rest
-    return jnp.concatenate([one, p, *pairs, v, speed * v, rest], axis=-1)
+    return jnp.concatenate([one, p, *pairs, v, speed * v, other], axis=-1)
 
 
 def payload_basis_functions(x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch functions"]:
@@ -136,5 +136,5 @@ def agent_basis_functions(x: Float[Array, "*batch inputs"], joints: int) -> Floa
         Values of the basis functions.
     """
     v = 15 + joints
-    rest = [x[..., :9], x[..., 12:v], x[..., v + 3 :]]
-    return basis(x[..., 9:12], x[..., v : v + 3], jnp.concatenate(rest, axis=-1))
+    other = [x[..., :9], x[..., 12:v], x[..., v + 3 :]]
+    return basis(x[..., 9:12], x[..., v : v + 3], jnp.concatenate(other, axis=-1))

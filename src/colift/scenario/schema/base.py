@@ -100,7 +100,7 @@ class Section(BaseModel):
         with raise_scenario_errors(type(self)):
             super().__init__(**settings)
 
-    # pydantic then builds the sections inside by itself, and finds all mistakes at once
+    # pydantic then builds the sections inside by itself, and finds all errors in one pass
     __init__.__pydantic_base_init__ = True  # ty: ignore[missing-attribute]
 
     @classmethod

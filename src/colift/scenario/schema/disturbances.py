@@ -28,7 +28,7 @@ class _PointDisturbance(_Disturbance):
     """A force or torque at a point of a body."""
 
     body: Name = "base"
-    """Body of the agent: `base` or the name of a joint; must be left out for the payload."""
+    """Body of the agent: `base` or the name of a joint; must be omitted for the payload."""
     attachment_point_m: fields.BodyPoint = ZERO
     """Point of application, in the frame of the body."""
 
