@@ -14,8 +14,11 @@ MAX_TEST_NAME_LENGTH = 60
 PACKAGE = "src/colift"
 """Folder of the library."""
 
-PROSE_CODE_FOLDERS = ("src", "examples", "benchmarks", "evidence", "docs", "checks")
+PROSE_CODE_FOLDERS = ("src", "examples", "benchmarks", "evidence", "docs", "checks", "tests")
 """Folders whose Python docstrings, comments and help strings are checked for banned words."""
+
+PROSE_YAML_FOLDERS = ("src", "examples")
+"""Folders whose YAML comments and descriptions are checked for banned words."""
 
 PROSE_PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")
 """Markdown pages outside `docs/` that are checked for banned words."""

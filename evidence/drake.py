@@ -162,7 +162,7 @@ class Session:
     def accelerate(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return `a_L, v_dot, xi_dot, lam` of a state under inputs and a residual, from Drake's next step.
 
-        A contact's force is what inverse dynamics of its agent leave over, by the Jacobians of its tips.
+        A contact force is the remainder of the agent's inverse dynamics, converted by the Jacobians of its tips.
         """
         plant, context = self.plant, self.context
         given = self._set(*rows)

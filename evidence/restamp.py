@@ -16,7 +16,7 @@ states. Two kinds of field are exempt:
 - `UNCOMPARED`: wall-clock times, memory, and versions of other software;
 - `MESSAGES`: texts for people. They are compared by whether there is one.
 
-Each outcome is written at once, whole or not at all. The next run goes on from there: results that hold are skipped,
+Each outcome is written at once, whole or not at all. The next run continues from there: up-to-date results are skipped,
 and a replay is not repeated for the same code unless `--again` is given.
 """
 

@@ -3,7 +3,7 @@
 A page quotes a result where it contains one of two markers, which HTML comments hide from readers:
 
 - ``<!-- evidence: NAME [NAME ...] -->``: the page states figures of these results in its own text or tables;
-- ``<!-- table: NAME[+NAME ...].TABLE -->``: a table that `docs/results_tables.py` makes of these results.
+- ``<!-- table: NAME[+NAME ...].TABLE -->``: a table that `docs/results_tables` generates from these results.
 
 The exit status is 1 where a page quotes a result that is missing or older than its code, and 2 for an unknown name.
 """

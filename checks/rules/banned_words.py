@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 from checks import word_lists
-from checks.limits import PROSE_CODE_FOLDERS, PROSE_PAGES
+from checks.limits import PROSE_CODE_FOLDERS, PROSE_PAGES, PROSE_YAML_FOLDERS
 from checks.python_source import prose_of
 from checks.repository import Problem, Repository
 
 RULE = "banned-words"
+_YAML_PROSE = re.compile(r"(?:^|\s)#\s*(?P<comment>.*)$|^description:\s*(?P<description>.*)$", re.MULTILINE)
 
 
 def banned_words(repository: Repository) -> Iterator[Problem]:
-    """Reject words of checks/banned_words.txt in docstrings, comments, help strings and Markdown pages."""
+    """Reject words of checks/banned_words.txt in docstrings, comments, help strings, Markdown pages and YAML files."""
     for folder in PROSE_CODE_FOLDERS:
         yield from _in_code(repository, folder)
+    for folder in PROSE_YAML_FOLDERS:
+        yield from _in_yaml(repository, folder)
     for path in repository.files("docs", ".md"):
         yield from _in_page(repository, repository.name(path))
     for name in PROSE_PAGES:
@@ -29,6 +33,17 @@ def _in_code(repository: Repository, folder: str) -> Iterator[Problem]:
                 line = text.line + prose.count("\n", 0, offset)
                 if not source.allows(range(text.line, text.last_line + 1), RULE, word):
                     yield Problem(path, min(line, text.last_line), RULE, _message(word, suggestion, text.kind))
+
+
+def _in_yaml(repository: Repository, folder: str) -> Iterator[Problem]:
+    """Check comments and descriptions of scenario files."""
+    for path in repository.files(folder, ".yaml"):
+        text = path.read_text(encoding="utf-8")
+        for line in _YAML_PROSE.finditer(text):
+            kind = "comment" if line["comment"] is not None else "description"
+            for offset, word, suggestion in _matches(line[kind]):
+                number = text.count("\n", 0, line.start(kind) + offset) + 1
+                yield Problem(repository.name(path), number, RULE, _message(word, suggestion, kind))
 
 
 def _in_page(repository: Repository, name: str) -> Iterator[Problem]:

@@ -48,7 +48,7 @@ def simulated(of: flight.Experiment, x: stability.LoopStateTree, d: np.ndarray, 
     loop = simulator.reset(of.loop_config, z())
     loop, _ = simulator.rollout(of.loop_config, loop, noise, jnp.asarray(1))
     at = jax.tree.map(lambda leaf: leaf[0], stability._displace(x, jnp.asarray(d[None])))
-    # the clock goes on, but the reference of the first quarter of a second moves by less than 1e-6 m
+    # the clock continues, but the reference moves by less than 1e-6 m in the first quarter of a second
     still = paper.with_controller(of, reference=dataclasses.replace(of.controller.reference, amplitude=jnp.zeros(3)))
     loop = dataclasses.replace(stability._insert_states(loop, at), tick=jnp.zeros((), int))
     loop, _ = simulator.rollout(still.loop_config, loop, noise, jnp.asarray(ticks))
@@ -140,7 +140,7 @@ def test_slow_control_rate_is_unstable(monkeypatch):
     d = np.real(vectors[:, worst])
     d *= 1e-6 / np.abs(d).max()
     grown = np.linalg.matrix_power(M, 4) @ d
-    off = simulated(slow, x, d, 4) - simulated(slow, x, 0 * d, 4)  # less what is left of motion at the rest
+    off = simulated(slow, x, d, 4) - simulated(slow, x, 0 * d, 4)  # minus the remaining motion at equilibrium
     np.testing.assert_allclose(off, grown, atol=1e-3 * np.abs(grown).max())
 
 

@@ -36,6 +36,21 @@ def test_words_in_pages(run):
     assert "'by hand' in a paragraph; write the command" in problems[2].message
 
 
+def test_words_in_tests(run):
+    """Docstrings and comments of tests are read like those of the package."""
+    (problem,) = run("banned-words", {"tests/test_a.py": 'def test_a():\n    """The filter hears labels."""\n'})
+    assert (problem.line, "'hears' in a docstring" in problem.message) == (2, True)
+
+
+def test_words_in_yaml(run):
+    """Comments and descriptions of scenario files are read, values and other keys are not."""
+    text = "# The pilot.\nname: oracle\ndescription: Sensors that nobody told.\nmass: 1  # as the twin\n"
+    problems = run("banned-words", {"src/library/a.yaml": text, "docs/a.yaml": text})
+    found = [(problem.path, problem.line, problem.message.split("'")[1]) for problem in problems]
+    path = "src/library/a.yaml"
+    assert found == [(path, 1, "pilot"), (path, 3, "told"), (path, 3, "nobody"), (path, 4, "twin")]
+
+
 def test_code_and_targets_in_pages_are_not_read(run):
     """Code blocks, inline code, mathematics, link targets and comments are no prose."""
     page = (

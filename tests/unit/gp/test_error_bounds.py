@@ -149,7 +149,7 @@ def test_energy_bound_without_data_is_the_norm():
     """Without data the bound is the norm; contradictory assumptions give no bound."""
     hyper = gp.make_hyperparameters(4.0, [1.0], 0.01)
     np.testing.assert_allclose(error_bounds.bounded_energy(gp.prior(hyper, 3), 1.5, 0.1), 1.5, rtol=1e-13)
-    # |f| <= B sqrt(s) = 0.2, but a label says 5.
+    # |f| <= B sqrt(s) = 0.2, but the label is 5.
     p = gp.condition([[0.0]], [[5.0]], hyper)
     beta = error_bounds.bounded_energy(p, 0.1, 0.1)
     assert jnp.isinf(beta).all()

@@ -101,7 +101,7 @@ def test_image_shows_time_and_cases(seen, kind, tmp_path):
 def test_gif_changes_and_has_the_flight_duration(seen, tmp_path):
     rendering.render_video(seen, tmp_path / "film.gif", speed=3.0, dpi=60.0, start=0.3)
     with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames == 8  # 1.2 s, thrice as fast, 20 a second: 0.3, 0.45 .. 1.35
+        assert film.n_frames == 8  # 1.2 s at triple speed, 20 frames per second: 0.3, 0.45 .. 1.35
         assert film.info["duration"] == 50
         assert film.info["loop"] == 0
         first = np.asarray(film.convert("RGB"), dtype=int)

@@ -139,7 +139,7 @@ def test_cases_are_distinguishable_in_grayscale():
     )
     assert np.diff(lightness).min() > 15  # CIE L*
     assert lightness[-1] < 80  # visible on white
-    # Vienot, Brettel, Mollon (1999): what a reader without the long or middle cones sees, in linear RGB
+    # Vienot, Brettel, Mollon (1999): color perception without long or middle cones, in linear RGB
     lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
     matrices = {
         "L": [[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]],
