@@ -406,7 +406,7 @@ def test_a_study_can_be_played(flown: Path, tmp_path: Path):
         shutil.copy(flown / f"{case}.nc", tmp_path)
     status, said = invoke("playback", str(tmp_path))
     assert (status, said) == (0, "")
-    assert run_directory.read_run_id(tmp_path / "view.html") == run_directory.read_run_id(flown / "C1.nc")
+    assert run_directory.read_run_id(tmp_path / "playback.html") == run_directory.read_run_id(flown / "C1.nc")
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 

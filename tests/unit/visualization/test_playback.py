@@ -156,7 +156,7 @@ def test_a_folder_without_flights_of_one_run_is_one_line(tmp_path):
         said = CliRunner().invoke(app, ["playback", str(out)])
         assert (said.exit_code, said.stderr.count("\n")) == (2, 1)
         assert f"{out} {answer}" in said.stderr
-        assert not (out / "view.html").exists()
+        assert not (out / "playback.html").exists()
 
 
 def test_the_command_says_where_the_page_is_and_opens_it_only(tmp_path, monkeypatch):
@@ -165,22 +165,23 @@ def test_the_command_says_where_the_page_is_and_opens_it_only(tmp_path, monkeypa
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
     said = CliRunner().invoke(app, ["playback", str(tmp_path)])
-    assert (said.exit_code, said.stdout) == (0, f"the flights are in {tmp_path / 'view.html'}\n")
+    assert (said.exit_code, said.stdout) == (0, f"the flights are in {tmp_path / 'playback.html'}\n")
     assert opened == []
     said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
-    assert (said.exit_code, opened) == (0, [(tmp_path / "view.html").as_uri()])
+    assert (said.exit_code, opened) == (0, [(tmp_path / "playback.html").as_uri()])
     said = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
     assert (said.exit_code, said.stderr) == (2, "no browser was found to open the page\n")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["C1.nc", "view.html"]
-    (tmp_path / "view.html").write_text("of someone else")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["C1.nc", "playback.html"]
+    (tmp_path / "playback.html").write_text("of someone else")
     said = CliRunner().invoke(app, ["playback", str(tmp_path)])
     assert said.exit_code == 2
-    assert "contains view.html, which colift did not write" in said.stderr
-    assert (tmp_path / "view.html").read_text() == "of someone else"
+    assert "contains playback.html, which colift did not write" in said.stderr
+    assert (tmp_path / "playback.html").read_text() == "of someone else"
 
 
 def test_the_next_study_removes_the_page(made):
     assert made in run_directory.list_files(made.parent, study.STUDY_FILES)
+    assert {"playback.html", "view.html"} <= set(study.STUDY_FILES)  # the second is the name of earlier versions
 
 
 # The bundle -----------------------------------------------------------------------------------------------------------
@@ -299,7 +300,7 @@ def test_seek_moves_the_payload_by_what_the_log_says(page, flown, case):
 def test_a_seek_is_seen(page):
     before = part(page, "#stage")
     page.evaluate("seek(1.2)")
-    page.transient_time()
+    page.settle()
     assert differ(before, part(page, "#stage")) > 500
     assert page.evaluate("document.querySelector('#clock').textContent") == "1.20 s"
     assert page.evaluate("document.querySelector('#mode').textContent") == "C3: learning ended, 1 of 1 updates"
@@ -346,10 +347,10 @@ def test_faster_is_faster_and_a_button_that_was_pressed(page):
 def test_cases_are_chosen_and_others_are_ghosts(page):
     page.evaluate("seek(1.4)")
     assert page.evaluate("state().case") == "C3"
-    page.transient_time()
+    page.settle()
     with_ghost = part(page, "#stage")
     page.evaluate("document.querySelector('#ghosts').click()")
-    page.transient_time()
+    page.settle()
     assert not page.evaluate("state().ghosts")
     assert differ(with_ghost, part(page, "#stage")) > 50
     page.evaluate("document.querySelector('.chip').click()")
@@ -362,7 +363,7 @@ def test_arrows_are_left_out_one_kind_at_a_time(page):
     for kind in playback.ARROWS:
         before = part(page, "#stage")
         page.evaluate(f"document.querySelector('#legend .{kind} input').click()")
-        page.transient_time()
+        page.settle()
         assert differ(before, part(page, "#stage")) > 30, kind
 
 
