@@ -79,26 +79,28 @@ def time_axis(ax: Axes, cases: Cases) -> None:
 def draw_update_lines(axes: Sequence[Axes], cases: Cases) -> None:
     """Draw vertical lines at the update times `t_k` and a dashed line at `T_end`, with labels above the first axes.
 
-    The lines are those of the cases whose learning ends. If learning continues in all cases, all update times are
-    drawn without labels.
+    The lines are those of the cases whose learning ends. If learning continues in all cases, all update times are drawn
+    without labels. Times after the end of the longest flight are omitted.
 
     Args:
         axes: Axes to draw into.
         cases: Log of each case.
     """
+    last = max(float(ds.time[-1]) for ds in cases.values())
     updates = [(times, end) for times, end in map(log.update_times, cases.values()) if times]
     ending = [(times, end) for times, end in updates if end is not None]
-    times = sorted({t for times, _ in ending or updates for t in times})
+    times = sorted({t for times, _ in ending or updates for t in times if t <= last})
     end = ending[0][1] if ending else None
     for ax in axes:
         for t in set(times) - {end}:
             ax.axvline(t, color="0.75", linewidth=0.6, zorder=1)
     if end is None:
         return
-    for ax in axes:
-        ax.axvline(end, color="0.35", linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)
     marks = {t: f"t_{{{k + 1}}}" for k, t in enumerate(times)}
-    marks[end] = rf"{marks[end]} = T_\mathrm{{end}}" if end in marks else r"T_\mathrm{end}"
+    if end <= last:
+        marks[end] = rf"{marks[end]} = T_\mathrm{{end}}" if end in marks else r"T_\mathrm{end}"
+        for ax in axes:
+            ax.axvline(end, color="0.35", linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)
     for t, text in marks.items():
         axes[0].annotate(
             f"${text}$",

@@ -21,7 +21,16 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from colift.visualization import axes as axes_module
 from colift.visualization import rendering, uncertainty_figures
-from colift.visualization.style import DASH_PATTERNS, DOTS, PAGE, save_figure, style_context, style_of, tint
+from colift.visualization.style import (
+    DASH_PATTERNS,
+    DOTS,
+    PAGE,
+    NotebookFigure,
+    save_figure,
+    style_context,
+    style_of,
+    tint,
+)
 
 COMPARISON_COLUMNS = 4  # of the legend of figures that show all cases
 MARKERS = 9  # per line, so that lines differ in black and white
@@ -144,7 +153,7 @@ def _plot_comparison(
 ) -> Figure:
     """Plot all cases in panels below each other, with the legend below them."""
     columns = min(COMPARISON_COLUMNS, len(cases))
-    figure = Figure(figsize=(PAGE, 3.6 + 0.16 * math.ceil(len(cases) / columns)))
+    figure = NotebookFigure(figsize=(PAGE, 3.6 + 0.16 * math.ceil(len(cases) / columns)))
     axes = list(figure.subplots(len(labels), 1, sharex=True))
     for k, (name, ds) in enumerate(cases.items()):
         t, signals = lines[name]

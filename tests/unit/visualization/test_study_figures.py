@@ -352,6 +352,14 @@ def test_what_goes_on_learning_has_no_end_and_names_no_updates(cases):
     assert not alone.axes[0].texts
 
 
+def test_an_end_of_learning_after_the_flight_is_not_drawn(cases):
+    """The label of a time outside of the axis would leave the figure without room for its axes."""
+    short = {"C3": cases["C3"].assign_attrs(T_end_s=100.0)}
+    figure = study_figures.plot_tracking_error(short, TOLD)
+    assert not any("end" in text.get_text() for text in figure.axes[0].texts)
+    assert figure._repr_png_().startswith(b"\x89PNG")
+
+
 def test_a_flight_that_stopped_ends_in_a_cross_at_its_last(cases):
     """A flight that stopped ends in a cross at its last finite value."""
     chosen = {"C1": cases["C1"], "C3": stop(cases["C3"], 123)}
