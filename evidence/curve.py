@@ -184,7 +184,7 @@ def plot(found: dict[str, Any], path: Path) -> None:
     minutes = [of["steps"] * SETTINGS["step_s"] / 60 for of in curves[0]]
     with style.style_context():
         figure = Figure(figsize=(style.PAGE_WIDTH, 2.4))
-        kinds = (("e_p_rms_m", 1e3, "RMS $e_p$, second half [mm]"), ("return", 1.0, "return [1]"))
+        kinds = (("e_p_rms_m", 1e3, r"$\|e_p\|$, RMS [mm]"), ("return", 1.0, "return [1]"))
         for ax, (kind, scale, label) in zip(figure.subplots(1, 2), kinds, strict=True):
             each = scale * np.array([[np.mean(of[kind]) for of in curve] for curve in curves])
             ax.fill_between(minutes, each.min(0), each.max(0), color="0.8", linewidth=0)
@@ -193,14 +193,14 @@ def plot(found: dict[str, Any], path: Path) -> None:
                 at, line_style = scale * np.mean(found[case][kind]), style.style_of(case)
                 ax.axhline(at, color=line_style.color, linestyle=line_style.dashes)
                 ax.annotate(NAMES[case], (minutes[-1], at), (5, 0), textcoords="offset points", va="center", fontsize=7)
-            ax.set(xlabel="flight time flown to learn [min]", ylabel=label, xlim=(0, minutes[-1]))
+            ax.set(xlabel="simulated training time [min]", ylabel=label, xlim=(0, minutes[-1]))
         figure.axes[0].set_yscale("log")
         figure.axes[0].yaxis.set_major_formatter("{x:g}")
         figure.axes[0].legend(loc=(0.02, 0.1))
         figure.savefig(path, dpi=200)
 
 
-NAMES = {"C1": "no action (C1)", "integral": "integral (I)", "C3": "learned (C3)"}
+NAMES = {"C1": "no action (C1)", "integral": "integral action", "C3": "learned (C3)"}
 
 
 def main() -> bool:

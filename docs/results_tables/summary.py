@@ -147,7 +147,7 @@ ALL = (
 def claims() -> str:
     """Return one row per claim: metric, value, n, seeds, command, page."""
     rows = [
-        (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page}]({page}.md)")
+        (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page.replace('_', ' ')}]({page}.md)")
         for result, page, claim, metric, value, n in _claims()
     ]
     return markdown(("claim", "metric", "value", "n, seeds", "command", "page"), rows)

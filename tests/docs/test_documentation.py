@@ -103,7 +103,7 @@ def run(words: list[str], folder: Path) -> None:
         if rest[0] in ("evidence", "bench") and len(rest) > 1 and rest[1] != "status":
             assert (ROOT / {"bench": "benchmarks"}.get(rest[0], rest[0]) / f"{rest[1]}.py").exists(), words
         return
-    elif first == "pip":
+    elif first == "pip" or rest[:3] == ["-m", "pip", "install"]:
         (extra,) = re.findall(r"^colift\[(\w+)\]$", rest[-1])
         assert extra in PROJECT["project"]["optional-dependencies"]
         return

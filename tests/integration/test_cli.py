@@ -416,7 +416,7 @@ def test_study_can_be_played_back(flown: Path, tmp_path: Path):
         shutil.copy(flown / f"{case}.nc", tmp_path)
     status, message = invoke("playback", str(tmp_path))
     assert (status, message) == (0, "")
-    assert run_directory.read_run_id(tmp_path / "view.html") == run_directory.read_run_id(flown / "C1.nc")
+    assert run_directory.read_run_id(tmp_path / "playback.html") == run_directory.read_run_id(flown / "C1.nc")
     assert log.load(flown / "C1.nc").attrs["scenario_json"].startswith('{"name":"sample"')
 
 

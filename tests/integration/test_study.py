@@ -16,6 +16,7 @@ from colift.closed_loop import flight
 from colift.onboard.learning import confidence_bounds
 from colift.scenario import ScenarioError, experiment, termination
 from colift.scenario.schema import PayloadMassStep
+from colift.workflows import study
 from tests.support import paper_flights as paper
 from tests.support import small_team as light
 
@@ -28,6 +29,11 @@ def found() -> dict[str, dict]:
         case: metrics.summary(paper.flight(case), experiment.world.team, experiment.controller.team)
         for case in ("C1", "C2", "C3")
     }
+
+
+@pytest.mark.parametrize("program", ["/home/me/.venv/bin/colift", "/usr/lib/python3/site-packages/colift/__main__.py"])
+def test_the_recorded_command_can_be_typed(program):
+    assert study.command_line([program, "study", "my team.yaml"]) == "colift study 'my team.yaml'"
 
 
 def test_cases_differ_only_in_recorded_data():

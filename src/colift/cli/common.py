@@ -10,7 +10,9 @@ import enum
 import hashlib
 import os
 import re
+import shutil
 import sys
+import textwrap
 import webbrowser
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
@@ -74,6 +76,21 @@ def describe_error(error: Exception) -> str:
     if not isinstance(error, OSError) or not error.strerror:
         return str(error)
     return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+
+
+def print_wrapped(lines: Sequence[str], indent: int) -> None:
+    """Print lines, broken at the width of the terminal; without a terminal each line is printed whole.
+
+    Args:
+        lines: Lines of text.
+        indent: Number of spaces before continuation lines.
+    """
+    width = shutil.get_terminal_size((0, 0)).columns  # 0 if the output is no terminal and COLUMNS is not set
+    for line in lines:
+        if len(line) <= width or width <= 2 * indent:
+            print(line)
+        else:
+            print(textwrap.fill(line, width, subsequent_indent=" " * indent, break_on_hyphens=False))
 
 
 @contextlib.contextmanager

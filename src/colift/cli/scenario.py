@@ -14,6 +14,9 @@ import typer
 from colift.cli import common
 from colift.runtime import bounded_read, signals
 
+NAME_WIDTH = 16  # characters of the names in `colift list`
+SUBJECT_WIDTH = 10  # characters before the findings in `colift check`
+
 if TYPE_CHECKING:
     from colift.analysis.gain_tuning import EvaluationBudget, LoopDesign
     from colift.scenario import Scenario
@@ -28,7 +31,8 @@ def list_scenarios(as_json: common.JsonOption = False) -> None:
         if as_json:
             print(json.dumps(found, indent=2))
         else:
-            print("\n".join(f"{name:16} {description}" for name, description in found.items()))
+            lines = [f"{name:{NAME_WIDTH}} {description}" for name, description in found.items()]
+            common.print_wrapped(lines, NAME_WIDTH + 1)
 
 
 def print_config(
@@ -208,8 +212,7 @@ def check(
         if as_json:
             print(json.dumps(found.summary, indent=2))
         else:
-            for line in found.format_report():
-                print(line)
+            common.print_wrapped(found.format_report(), SUBJECT_WIDTH)
     if not found.passed:
         common.exit_with(common.EXIT_FAILED_CHECK)
 

@@ -30,6 +30,7 @@ from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.onboard import interfaces
 from colift.onboard.control import tracking
+from colift.runtime import extras
 from colift.scenario import experiment
 
 try:
@@ -38,7 +39,9 @@ try:
     from gymnasium.vector import AutoresetMode
     from gymnasium.vector.utils import batch_space
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("Gymnasium is not installed: pip install 'colift[gym]'", name="gymnasium") from error
+    raise ModuleNotFoundError(
+        f"Gymnasium is not installed: {extras.install_command('gym')}", name="gymnasium"
+    ) from error
 
 BOUNDS = {  # of the observed quantities, in this order
     "e_p": 1.0,  # m, estimated position minus reference position

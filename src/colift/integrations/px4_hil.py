@@ -26,12 +26,15 @@ from colift.integrations import px4_frames
 from colift.math import so3
 from colift.models.measurement import AgentReading, Measurement
 from colift.models.state import AgentInput, ControlClock, State, TeamInputs
+from colift.runtime import extras
 from colift.simulation.world import GroundTruth
 
 try:
     from pymavlink.dialects.v20 import common as mavlink
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("pymavlink is not installed: pip install 'colift[px4]'", name="pymavlink") from error
+    raise ModuleNotFoundError(
+        f"pymavlink is not installed: {extras.install_command('px4')}", name="pymavlink"
+    ) from error
 
 HOST, PORT = "127.0.0.1", 4560  # default of PX4; its instance i connects to PORT + i
 RESPONSE_TIMEOUT = 10.0  # s, for a reply in lockstep

@@ -22,13 +22,16 @@ from colift.closed_loop import log
 from colift.math import so3
 from colift.models import aerial_manipulator
 from colift.models.parameters import Team
+from colift.runtime import extras
 from colift.scenario import team as team_module
 
 try:
     from mcap.writer import Writer
     from rosbags.typesys import Stores, get_typestore
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("mcap and rosbags are not installed: pip install 'colift[mcap]'", name="mcap") from error
+    raise ModuleNotFoundError(
+        f"mcap and rosbags are not installed: {extras.install_command('mcap')}", name="mcap"
+    ) from error
 
 WORLD, PAYLOAD = "world", "payload"
 ROS = get_typestore(Stores.ROS2_JAZZY)

@@ -31,6 +31,7 @@ from colift.closed_loop import flight
 from colift.models.measurement import AgentReading, Measurement, PayloadReading
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, TeamInputs
+from colift.runtime import extras
 from colift.scenario import Scenario, team
 
 PAYLOAD = "payload"
@@ -277,15 +278,15 @@ def spin(experiment: flight.Experiment, names: RosNames, seconds: float = float(
         ModuleNotFoundError: If ROS 2 is not installed.
 
     Example:
-        >>> settings = colift.load("paper")  # doctest: +SKIP
-        >>> spin(make_experiment(settings, "C1"), names(settings))  # doctest: +SKIP
+        >>> settings = colift.load_scenario("paper")  # doctest: +SKIP
+        >>> spin(colift.make_experiment(settings, "C1"), names(settings))  # doctest: +SKIP
     """
     try:
         import rclpy
         from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
         from sensor_msgs.msg import Imu, JointState
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("ROS 2 is not installed: pip install 'colift[ros]'", name="rclpy") from error
+        raise ModuleNotFoundError(f"ROS 2 is not installed: {extras.install_command('ros')}", name="rclpy") from error
     message_types = {kind.__name__: kind for kind in (PoseStamped, Vector3Stamped, WrenchStamped, Imu, JointState)}
     controller_step, messages, received = ControllerStep(experiment, names), {}, {}
     rclpy.init()

@@ -17,6 +17,7 @@ from matplotlib.ticker import NullLocator
 from colift.certification.assumptions import status_label
 from colift.certification.certificate import Certificate
 from colift.visualization import style
+from colift.visualization.axes import log_scale
 
 TITLE = 130  # characters in a line of a title of page width
 
@@ -79,19 +80,24 @@ def _plot_errors_and_bounds(ax: Axes, certificate: Certificate, bound: str) -> N
 
 
 def _plot_conservatism(ax: Axes, conservatism: Mapping[str, float]) -> None:
-    """Plot the finite bounds of e_p under successively stronger arguments, down to the observed error."""
+    """Plot the finite bounds of e_p under successively stronger arguments, down to the observed error.
+
+    The axis is logarithmic and has no zero, so that each value is a point and not a bar.
+    """
     names = [name for name, bound in conservatism.items() if np.isfinite(bound)]
     sizes = [1e3 * conservatism[name] for name in names]
     rows = np.arange(len(names))[::-1]
-    colors = {"observed": style.LINE_STYLES["C3"].color, "nominal error": "0.6"}
-    ax.barh(rows, sizes, color=[colors.get(name, style.LINE_STYLES["C2"].color) for name in names], height=0.6)
+    looks = {"observed": (style.LINE_STYLES["C3"].color, "^"), "nominal error": ("0.5", "s")}
+    for y, name, size in zip(rows, names, sizes, strict=True):
+        color, marker = looks.get(name, (style.LINE_STYLES["C2"].color, "o"))
+        ax.plot(size, y, marker, color=color, markersize=4.5)
+        text = f"{size:.3g} mm" if size < 1e3 else f"{size / 1e3:.3g} m" if size < 1e6 else f"{size / 1e6:.3g} km"
+        ax.annotate(text, (size, y), (6, 0), textcoords="offset points", va="center", fontsize=7)
     ax.set_xscale("log")
     ax.xaxis.set_minor_locator(NullLocator())
     ax.set_yticks(rows, names)
-    ax.set(xlabel=r"maximum $\Vert e_p\Vert$ [mm]", xlim=(0.5 * min(sizes), 100 * max(sizes)))
-    ax.grid(axis="y", visible=False)
-    for y, size in zip(rows, sizes, strict=True):
-        ax.text(size * 1.2, y, f"{size:.3g}" if size < 1e4 else f"{size / 1e3:.3g} m", va="center", fontsize=7)
+    room = (max(sizes) / min(sizes)) ** 0.3  # for the text beside the largest value
+    ax.set(xlabel=r"maximum $\Vert e_p\Vert$ [mm]", xlim=(0.4 * min(sizes), 3 * room * max(sizes)))
 
 
 def plot_bound_vs_data(
@@ -128,8 +134,9 @@ def plot_bound_vs_data(
             right.plot(n, np.asarray(part) / part[0], color=color, marker=marker, markersize=3.5, label=name)
         right.set(ylabel="relative to the smallest data set")
         for ax in (left, right):
-            ax.set(xscale="log", yscale="log", xlabel="data points per body")
+            ax.set(xscale="log", xlabel="data points per body")
+            log_scale(ax)
             ax.set_xticks(n, [f"{each:g}" for each in n])
-            ax.minorticks_off()
+            ax.xaxis.set_minor_locator(NullLocator())
             ax.legend()
         return style.save_figure(figure, Path(path))

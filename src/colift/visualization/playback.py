@@ -23,7 +23,7 @@ from colift.runtime import atomic_write, run_directory
 from colift.scenario import team as team_module
 from colift.visualization import scene
 
-PAGE_FILE = "view.html"
+PAGE_FILE = "playback.html"
 ARROWS = {
     "thrust": "thrust",
     "contact": "contact force on the payload",
@@ -43,7 +43,7 @@ def write(out: Path, cases: Mapping[str, str]) -> Path:
         cases: Description of each case.
 
     Returns:
-        Path of the page, `out/view.html`.
+        Path of the page, `out/playback.html`.
     """
     run, flights = log.load_flights(out, cases)
     text = build_page(flights, cases)

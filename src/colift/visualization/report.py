@@ -52,8 +52,11 @@ th, td { padding: 3px 9px; border-bottom: 1px solid var(--line); text-align: rig
 .wide td, .wide th { white-space: nowrap; } .wide .words td { white-space: normal; min-width: 7em; }
 th:first-child, td:first-child, .words td, .words th { text-align: left; overflow-wrap: normal; }
 .words th { font-weight: normal; color: var(--quiet); vertical-align: top; white-space: nowrap; }
+.words td { overflow-wrap: anywhere; } .wide + .words { margin-top: 1.2em; }
 figure { margin: 1.2em 0; } figure img { display: block; width: 100%; background: #fff; }
-iframe { width: 100%; height: 760px; border: 1px solid var(--line); }
+iframe { width: 100%; height: 860px; border: 1px solid var(--line); }
+@media (max-width: 700px) { iframe { height: 1500px; } .words th { white-space: normal; }
+  figure { overflow-x: auto; } figure img { width: 700px; max-width: none; } }
 """
 
 

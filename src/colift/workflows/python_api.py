@@ -91,7 +91,7 @@ class Flight(FlightResult):
 
     @functools.cached_property
     def dataset(self) -> xr.Dataset:
-        """Log of the flight: every signal with axes, unit, frame and long name."""
+        """Log of the flight, in which every signal has axes, unit, frame and long name."""
         return study.flight_dataset(self.experiment.scenario, self.experiment.case, self, self.experiment)
 
     @functools.cached_property
@@ -114,11 +114,12 @@ class Flight(FlightResult):
         """Plot the norm of the position error and the attitude error function over time.
 
         Returns:
-            A Matplotlib figure.
+            A Matplotlib figure; a notebook shows it.
         """
-        from colift.visualization import study_figures
+        from colift.visualization import study_figures, style
 
-        return study_figures.plot_tracking_error({self.experiment.case: self.dataset}, ALL_CASES)
+        with style.style_context():
+            return study_figures.plot_tracking_error({self.experiment.case: self.dataset}, ALL_CASES)
 
     def show(self, path: str | Path = "playback.html") -> Path:
         """Write the playback page and open it in a browser.

@@ -37,7 +37,8 @@ STUDY_FILES = (
         "lengthscales_*.csv",
         "lengthscales_*.md",
         "summary.json",
-        "view.html",
+        "playback.html",
+        "view.html",  # the name of playback.html before 0.2.0
         "report.html",
     ),
 )
@@ -50,7 +51,7 @@ CERTIFICATE_FILES = (
 
 
 # pages that show all cases of a study; a study with further cases removes them
-PAGES = ("view.html", "report.html")
+PAGES = ("playback.html", "view.html", "report.html")
 
 
 def open_run_directory(
@@ -175,13 +176,23 @@ def _summary_header(
         "settings_digest": settings.digest,
         "plant": settings.physics.kind,
         "run": run_id,
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": command_line(sys.argv),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
         **preview.summary,
         "termination_limits": _limits(settings, next(iter(experiments.values()))),
         "cases": {},
     }
+
+
+def command_line(arguments: Sequence[str]) -> str:
+    """Return the command of this process as it can be typed; `python -m colift` becomes `colift`.
+
+    Args:
+        arguments: Arguments of the process, with the path of the program first.
+    """
+    program = Path(arguments[0]).name
+    return shlex.join(["colift" if program == "__main__.py" else program, *arguments[1:]])
 
 
 def _held_out_summary(flight: FlightResult) -> dict[str, Any]:

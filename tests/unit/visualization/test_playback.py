@@ -156,7 +156,7 @@ def test_folder_without_flights_gives_one_line(tmp_path):
         result = CliRunner().invoke(app, ["playback", str(out)])
         assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
         assert f"{out} {answer}" in result.stderr
-        assert not (out / "view.html").exists()
+        assert not (out / "playback.html").exists()
 
 
 def test_command_prints_the_path_of_the_page(tmp_path, monkeypatch):
@@ -165,22 +165,23 @@ def test_command_prints_the_path_of_the_page(tmp_path, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) == 1)
     result = CliRunner().invoke(app, ["playback", str(tmp_path)])
-    assert (result.exit_code, result.stdout) == (0, f"the flights are in {tmp_path / 'view.html'}\n")
+    assert (result.exit_code, result.stdout) == (0, f"the flights are in {tmp_path / 'playback.html'}\n")
     assert opened == []
     result = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
-    assert (result.exit_code, opened) == (0, [(tmp_path / "view.html").as_uri()])
+    assert (result.exit_code, opened) == (0, [(tmp_path / "playback.html").as_uri()])
     result = CliRunner().invoke(app, ["playback", str(tmp_path), "--open"])
     assert (result.exit_code, result.stderr) == (2, "no browser was found to open the page\n")
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["C1.nc", "view.html"]
-    (tmp_path / "view.html").write_text("of someone else")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["C1.nc", "playback.html"]
+    (tmp_path / "playback.html").write_text("of someone else")
     result = CliRunner().invoke(app, ["playback", str(tmp_path)])
     assert result.exit_code == 2
-    assert "contains view.html, which colift did not write" in result.stderr
-    assert (tmp_path / "view.html").read_text() == "of someone else"
+    assert "contains playback.html, which colift did not write" in result.stderr
+    assert (tmp_path / "playback.html").read_text() == "of someone else"
 
 
 def test_next_study_removes_the_page(make_page):
     assert make_page in run_directory.list_files(make_page.parent, study.STUDY_FILES)
+    assert {"playback.html", "view.html"} <= set(study.STUDY_FILES)  # the second is the name of earlier versions
 
 
 # Bundle ---------------------------------------------------------------------------------------------------------------

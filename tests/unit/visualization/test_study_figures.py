@@ -183,6 +183,16 @@ def test_figure_1_draws_the_errors_of_every_case(cases, name):
     assert {top.get_yscale(), bottom.get_yscale()} == {"log"}
 
 
+def test_numerical_zeros_do_not_widen_a_log_axis():
+    ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=300))
+    ds.Psi[:] = np.where(np.arange(300) % 100 < 50, 1e-21, 1e-3)
+    ds.e_p[:] = 1e-2
+    ds.e_p[100] = 1e-9  # a zero crossing
+    position, attitude = study_figures.plot_tracking_error({"C3": ds}, TOLD).axes
+    assert 1e-3 < position.get_ylim()[0] < 1.7e-2 < position.get_ylim()[1]
+    assert attitude.get_ylim()[0] == pytest.approx(1e-3 * 10.0**-axes.MAX_DECADES)
+
+
 def test_fast_logs_are_decimated_to_10_ms(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=300))
     (line,) = curves_of(study_figures.plot_tracking_error({"C3": ds}, TOLD).axes[0], "C3")
@@ -209,8 +219,8 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
     panels = np.array(figure.axes).reshape(3, 3)
     for (i, agent), (k, name) in itertools.product(enumerate(cases["C1"].agent.values), enumerate(CASES)):
         ds, ax = cases[name], panels[i, k]
-        below = [line for line in ax.lines if line.get_color() == study_figures.TRUE_ERROR_STYLE["color"]]
-        above = [line for line in ax.lines if line.get_color() != study_figures.TRUE_ERROR_STYLE["color"]]
+        below = [line for line in ax.lines if line.get_color() == study_figures.TRUE_VALUE_STYLE["color"]]
+        above = [line for line in ax.lines if line.get_color() != study_figures.TRUE_VALUE_STYLE["color"]]
         assert max(line.get_zorder() for line in below) < min(line.get_zorder() for line in above)
         assert min(line.get_linewidth() for line in below) > 2 * max(line.get_linewidth() for line in above)
         truths, means = [line.get_ydata() for line in below], [line.get_ydata() for line in above]
@@ -348,6 +358,14 @@ def test_continued_learning_has_no_end_marker(cases):
     alone = study_figures.plot_tracking_error({"adaptive": on}, TOLD)
     assert sorted(marks(alone)) == [2.5, 6.0, 12.0]
     assert not alone.axes[0].texts
+
+
+def test_an_end_of_learning_after_the_flight_is_not_drawn(cases):
+    """The label of a time outside of the axis would leave the figure without room for its axes."""
+    short = {"C3": cases["C3"].assign_attrs(T_end_s=100.0)}
+    figure = study_figures.plot_tracking_error(short, TOLD)
+    assert not any("end" in text.get_text() for text in figure.axes[0].texts)
+    assert figure._repr_png_().startswith(b"\x89PNG")
 
 
 def test_terminated_flight_ends_in_a_cross(cases):
