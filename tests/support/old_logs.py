@@ -1,4 +1,4 @@
-"""Made-up logs of schemas 1 and 2: a wrench on one axis, all joints on one axis, no quaternions."""
+"""Random logs of schemas 1 and 2: a wrench on one axis, all joints on one axis, no quaternions."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def schema_1(ds: xr.Dataset) -> xr.Dataset:
 
 
 def scenario_json(shape: flights.Shape) -> str:
-    """What a log's scenario says of the types of joints."""
+    """Return the scenario of a log, which contains the types of joints."""
     types, agents = {}, []
     for group, (size, joints, _) in zip(shape.team.agent_groups, shape.groups, strict=True):
         slides = group.tree.prismatic

@@ -133,7 +133,7 @@ def short_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("pause", [0.02, 10.0])
 def test_an_incomplete_request_is_closed(live_flight, short_timeout, pause):
-    """Neither a silent connection nor one that sends single bytes stays open."""
+    """Neither a connection without data nor one that sends single bytes stays open."""
     with connect(live_flight) as connection:
         connection.settimeout(pause)
         began = time.monotonic()
