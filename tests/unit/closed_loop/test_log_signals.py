@@ -1,5 +1,8 @@
 """Units of the log's variables, and the helpers that put split signals together again."""
 
+import runpy
+from pathlib import Path
+
 import numpy as np
 import pint
 import pytest
@@ -82,3 +85,10 @@ def test_a_team_of_prismatic_joints_only():
     ds = flights.dataset(np.random.default_rng(3), flights.MIXED)
     only = ds.drop_vars([name for name, x in ds.variables.items() if "joint" in x.dims])
     np.testing.assert_array_equal(log.all_joints(only, "r"), ds.r_prismatic)
+
+
+def test_the_reference_page_lists_every_variable():
+    docs = Path(__file__).parents[3] / "docs"
+    page = (docs / "log_variables.md").read_text(encoding="utf-8")
+    told = runpy.run_path(str(docs / "log_variables.py"))["tables"]()
+    assert page.partition("<!-- variables -->\n")[2].strip() == told.strip(), "run docs/log_variables.py"
