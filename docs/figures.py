@@ -3,7 +3,7 @@
 OUT holds the flights. A folder of `FLIGHTS` that is missing there is computed by its command, which takes some minutes.
 The figures of `./dev evidence` are drawn from the stored results. `playback.png` requires Chromium. The pictures of the
 notebook gallery are the first figures of the executed notebooks, so they require `./dev docs` before. Without NAME all
-figures are drawn. `team.svg`, `loop.svg` and `labels.svg` are edited as text.
+figures are drawn. `team.svg`, `loop.svg` and `labels.svg` are sources.
 """
 
 import base64
