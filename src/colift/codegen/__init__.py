@@ -101,7 +101,7 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
     def traced(tree: Any, avals: tuple[Any, ...]) -> tuple[Any, Any] | None:
         try:
             jaxpr, out = trace(f, tree, avals)
-            constants = Program.of(jaxpr).constants
+            constants = Program.from_jaxpr(jaxpr).constants
         except UnsupportedPrimitive as error:
             _warn_unsupported(str(error))
             return None
@@ -137,7 +137,7 @@ def _batch_shape(args: Sequence[Any], jaxpr: Any) -> tuple[int, ...]:
 def _abstract(*args: Any, jaxpr: Any, threads: int) -> list[Any]:  # noqa: ARG001
     """Return the abstract results of the primitive."""
     batch = _batch_shape(args, jaxpr)
-    return [jax_internals.abstract_array((*batch, *v.shape), v.dtype) for v in Program.of(jaxpr).outputs]
+    return [jax_internals.abstract_array((*batch, *v.shape), v.dtype) for v in Program.from_jaxpr(jaxpr).outputs]
 
 
 def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tuple[Any, list[int]]:
@@ -167,7 +167,7 @@ def _call_library(*args: Any, jaxpr: Any, threads: int) -> list[Any]:
     joined = [
         args[group[0]] if batched else jax.numpy.concatenate([args[k].ravel() for k in group]) for group in groups
     ]
-    results = [jax.ShapeDtypeStruct((*batch, *v.shape), v.dtype) for v in Program.of(jaxpr).outputs]
+    results = [jax.ShapeDtypeStruct((*batch, *v.shape), v.dtype) for v in Program.from_jaxpr(jaxpr).outputs]
     return list(jax.ffi.ffi_call(name, results)(*joined, threads=np.int64(threads)))
 
 
@@ -262,7 +262,7 @@ def kernel(
     """
     if jax_internals.MISSING:
         raise UnsupportedPrimitive(jax_internals.MISSING)
-    program = Program.of(jaxpr)
+    program = Program.from_jaxpr(jaxpr)
     for v in (*program.inputs, *program.outputs):
         if v.dtype.name not in TYPES:
             raise TypeError(f"codegen: arrays must be of type {', '.join(TYPES)}; got {v.dtype.name}")
@@ -318,7 +318,7 @@ def source(jaxpr: Any, batched: bool) -> str:
     """
     width = build.lanes() if batched else 1
     made = kernel(jaxpr, width, 1 if batched else build.lanes())
-    inputs, results = Program.of(jaxpr).inputs, Program.of(jaxpr).outputs
+    inputs, results = Program.from_jaxpr(jaxpr).inputs, Program.from_jaxpr(jaxpr).outputs
     groups = _group_arguments(inputs, [k in made.arguments for k in range(len(inputs))], batched)
     sizes = [[inputs[k].size for k in group] for group in groups]
     starts = [np.cumsum([0, *size]) for size in sizes]

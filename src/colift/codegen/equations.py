@@ -103,7 +103,7 @@ def _called(e: jax_internals.TracedEquation) -> Program | None:
     """Return the program that an equation calls; None if it is not a call."""
     if e.name == "native":
         f = functools.partial(evaluate_with_jax, jaxpr=e.eqn.params["jaxpr"])
-        return Program.of(jax.make_jaxpr(f)(*(v.aval for v in e.invars)))
+        return Program.from_jaxpr(jax.make_jaxpr(f)(*(v.aval for v in e.invars)))
     return jax_internals.called_program(e)
 
 
@@ -147,7 +147,7 @@ def batch_axes(args: Sequence[Any], jaxpr: Any) -> int:
     Returns:
         Number of batch axes.
     """
-    return next((np.ndim(a) - v.ndim for a, v in zip(args, Program.of(jaxpr).inputs, strict=True)), 0)
+    return next((np.ndim(a) - v.ndim for a, v in zip(args, Program.from_jaxpr(jaxpr).inputs, strict=True)), 0)
 
 
 MOVING = {  # primitives that emit no C statements

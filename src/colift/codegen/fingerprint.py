@@ -31,7 +31,7 @@ def jaxpr_digest(jaxpr: Any) -> str:
     found = hashlib.sha256()
     for part in (jax.__version__, _package(), str(jaxpr)):
         found.update(part.encode() + b"\0")
-    program = Program.of(jaxpr)
+    program = Program.from_jaxpr(jaxpr)
     for value in (*program.constants, *_constants(program)):
         array = np.asarray(value)
         found.update(f"{array.dtype} {array.shape} ".encode() + array.tobytes())

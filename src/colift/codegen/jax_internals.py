@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
 
 MISSING = ""
-"""What this version of JAX lacks; "" if it lacks nothing that this package requires."""
+"""Error of an import from JAX that this package requires; "" if there is none."""
 
 try:
     from jax.core import ShapedArray, Tracer, eval_jaxpr
@@ -122,7 +122,7 @@ class Program:
     constants: tuple[Any, ...]
 
     @classmethod
-    def of(cls, jaxpr: Any) -> Program:
+    def from_jaxpr(cls, jaxpr: Any) -> Program:
         """Read a jaxpr of JAX with its constants.
 
         Args:
@@ -165,7 +165,7 @@ class Program:
     @functools.cached_property
     def equations(self) -> list[TracedEquation]:
         """Equations in order of evaluation, with checked parameters."""
-        return [TracedEquation.of(eqn) for eqn in self.jaxpr.eqns]
+        return [TracedEquation.from_jax(eqn) for eqn in self.jaxpr.eqns]
 
     def without_dead_code(self) -> Program:
         """Remove the equations that no result depends on; all inputs are kept."""
@@ -191,7 +191,7 @@ class TracedEquation(NamedTuple):
     eqn: Any
 
     @classmethod
-    def of(cls, eqn: Any) -> TracedEquation:
+    def from_jax(cls, eqn: Any) -> TracedEquation:
         """Read an equation of JAX.
 
         Args:
@@ -230,7 +230,7 @@ class TracedEquation(NamedTuple):
 
 
 @contextlib.contextmanager
-def readable(name: str, source_info: Any = None) -> Iterator[None]:
+def readable(name: str, source_info: Any = None) -> Generator[None]:
     """Make a context that raises `UnsupportedPrimitive` for errors in reading an equation.
 
     Args:
@@ -287,7 +287,7 @@ def require_known_parameters(name: str, params: dict[str, Any]) -> None:
 def _with_programs(value: Any) -> Any:
     """Replace jaxprs of JAX in a parameter by programs."""
     if isinstance(value, (ClosedJaxpr, Jaxpr)):
-        return Program.of(value)
+        return Program.from_jaxpr(value)
     if isinstance(value, tuple) and any(isinstance(x, (ClosedJaxpr, Jaxpr)) for x in value):
         parts = map(_with_programs, value)
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)

@@ -50,7 +50,7 @@ def _bind_agent_map(f: Callable[..., Any], axes: Sequence[int | None], args: Seq
         for leaf, m in zip(leaves, maps, strict=True)
     ]
     body, out = trace(f, tree, one)
-    program = Program.of(body)
+    program = Program.from_jaxpr(body)
     # closed-over values become shared arguments, because they may be tracers
     shared = (False,) * len(program.constants)
     results = agent_map_p.bind(*program.constants, *leaves, jaxpr=program.jaxpr, mapped=shared + maps)

@@ -174,7 +174,7 @@ def test_table_covers_every_rule():
             for inner in programs_in(e.params):
                 walk(inner)
 
-    walk(Program.of(jaxpr))
+    walk(Program.from_jaxpr(jaxpr))
     elsewhere = {"loop"}
     assert {name for name in RULES if name not in seen | elsewhere} == set()
 
