@@ -39,7 +39,7 @@ def operations(f: Callable[..., Any], *args: Any) -> Counter[str]:
     leaves, tree = jax.tree.flatten(args)
     jaxpr, _ = trace(f, tree, [jax.ShapeDtypeStruct(np.shape(x), jax.dtypes.result_type(x)) for x in leaves])
     g = Graph()
-    program = Program.of(jaxpr)
+    program = Program.from_jaxpr(jaxpr)
     nodes = [g.array(v.size, "in", k).reshape(v.shape) for k, v in enumerate(program.inputs)]
     outputs = [x.ravel() for x in interpret(g, program, nodes)]
     function = Function(inputs=tuple(v.size for v in program.inputs), graph=g, outputs=outputs)

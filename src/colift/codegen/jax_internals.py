@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import jax
 
 MISSING = ""
-"""Missing part of JAX that this package requires; empty if all are present."""
+"""Error of an import from JAX that this package requires; "" this there is none."""
 
 try:
     from jax.core import ShapedArray, Tracer, eval_jaxpr
@@ -165,7 +165,7 @@ class Program:
     @functools.cached_property
     def equations(self) -> list[TracedEquation]:
         """Equations in order of evaluation, with checked parameters."""
-        return [TracedEquation.from_eqn(eqn) for eqn in self.jaxpr.eqns]
+        return [TracedEquation.from_jax(eqn) for eqn in self.jaxpr.eqns]
 
     def without_dead_code(self) -> Program:
         """Remove the equations that no result depends on; all inputs are kept."""
@@ -191,7 +191,7 @@ class TracedEquation(NamedTuple):
     eqn: Any
 
     @classmethod
-    def from_eqn(cls, eqn: Any) -> TracedEquation:
+    def from_jax(cls, eqn: Any) -> TracedEquation:
         """Read an equation of JAX.
 
         Args:
