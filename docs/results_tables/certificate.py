@@ -114,7 +114,7 @@ def linearization_error() -> str:
     return markdown(("error", "linearization error over bound, median [%]", "95 %", "n"), rows)
 
 
-# Baselines 
+# Baselines
 
 
 @table("rivals")
