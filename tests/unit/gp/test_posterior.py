@@ -357,7 +357,7 @@ def compilations(caplog, work):
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_hundred_appends_compile_nothing(caplog):
+def test_appends_do_not_recompile(caplog):
     X, Y, hyper, _ = problem(4, N=101)
     points = list(zip(jnp.asarray(X), jnp.asarray(Y), strict=True))
     p, _ = gp.append(gp.prior(hyper, 101), *points[0])

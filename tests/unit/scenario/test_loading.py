@@ -440,7 +440,7 @@ def test_errors_in_an_extending_file_state_its_line(text, answer, tmp_path):
     assert answer in str(lines.value)
 
 
-def test_an_unknown_name_lists_the_shipped_scenarios():
+def test_unknown_name_error_lists_the_shipped_scenarios():
     with pytest.raises(
         ScenarioError, match=r"no scenario 'papr' \(shipped: .*leader_block.*paper.*did you mean 'paper'"
     ) as e:

@@ -65,8 +65,10 @@ def below(section: str, key: str) -> str:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_migrated_file_states_the_shipped_scenario(name):
-    assert scenario.parse(migrate_text(text_of(name)), "old.yaml") == scenario.load_scenario(name)
+def test_migrated_file_equals_the_shipped_scenario(name):
+    """All settings are equal except the description."""
+    migrated = scenario.parse(migrate_text(text_of(name)), "old.yaml")
+    assert migrated == scenario.load_scenario(name).model_copy(update={"description": migrated.description})
 
 
 @pytest.mark.parametrize("name", NAMES)

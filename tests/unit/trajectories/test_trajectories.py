@@ -168,7 +168,7 @@ def test_after_the_ramp_it_is_the_lissajous_figure():
     np.testing.assert_allclose(values(path, t)[:3], expected, atol=1e-12)
 
 
-def test_the_smooth_step_has_three_vanishing_derivatives_at_both():
+def test_smooth_step_has_three_vanishing_derivatives():
     """The smooth step has three vanishing derivatives at both ends."""
     d = base.smooth_step
     for order in range(4):
