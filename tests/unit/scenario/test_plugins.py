@@ -8,9 +8,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import colift
 from colift import scenario
+from colift.cli.app import app
 from colift.scenario import Scenario, ScenarioError
 from colift.scenario.plugins import plugin_path
 from tests.support import small_team as light
@@ -190,6 +192,92 @@ class Bare(Section):
 class Plain:
     def build(self):
         pass
+
+
+class NoTree:
+    """No PyTree."""
+
+    def init(self):
+        return ()
+
+    def compute(self, state, context):
+        return context.setpoint.a, state
+
+
+class NoTreeController(Section):
+    def build(self, controller):
+        return NoTree()
+
+
+class FailingController(Section):
+    def build(self, controller):
+        raise RuntimeError("no gains")
+
+
+@pytree
+class Branching:
+    base: Any
+
+    def init(self):
+        return self.base.init()
+
+    def compute(self, state, context):
+        if context.clock.t > 1:  # BRANCH
+            return self.base.compute(state, context)
+        return self.base.compute(state, context)
+
+
+class BranchingController(Section):
+    def build(self, controller):
+        return Branching(base=controller.payload_controller)
+
+
+@pytree
+class ForceOnly(disturbances.DisturbanceModel):
+    time_invariant: ClassVar[bool] = True
+
+    def __call__(self, at, t, state):
+        return at.v
+
+
+class ForceOnlyDrag(Section):
+    def build(self):
+        return ForceOnly()
+
+
+@pytree
+class NoState(sensors.SensorModel):
+    def apply(self, measurement, truth, clock, state, noise):
+        return measurement
+
+
+class NoStateSensor(Section):
+    def build(self):
+        return NoState()
+
+
+@pytree
+class Point:
+    position: Any
+
+    def evaluate(self, t):
+        return self.position
+
+
+class PointReference(Section):
+    def build(self):
+        return Point(position=jnp.zeros(3))
+
+
+@pytree
+class HalfActuators(actuators.IdealActuators):
+    def __call__(self, command, state, clock):
+        return command
+
+
+class HalfActuatorSettings(Section):
+    def build(self, world):
+        return HalfActuators()
 '''
 
 
@@ -384,7 +472,8 @@ def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
             "plugins.payload_controller: plugins_of_tests:Nothing built a value of type dict",
         ),
         (f"physics: {own('Nothing')}", "which is no colift.simulation.world.Plant"),
-        (f"actuators: {own('Nothing')}", "which is no colift.simulation.actuators.IdealActuators"),
+        (f"actuators: {own('Nothing')}", "IdealActuators: its class must extend it (docs/change_a_part.md)"),
+        (f"physics: {own('Nothing')}", "Plant: it has no method forward_dynamics, step (docs/change_a_part.md)"),
     ],
 )
 def test_what_is_built_must_be_a_part(folder, more, says):
@@ -392,6 +481,66 @@ def test_what_is_built_must_be_a_part(folder, more, says):
     with pytest.raises(ScenarioError, match="no colift") as error:
         colift.make_experiment(settings, "C1")
     assert says in str(error.value)
+
+
+BRANCH_LINE = 1 + MODULE[: MODULE.index("# BRANCH")].count("\n")
+DRAG = "{kind: plugin, name: drag, acts_on: agents, class_path: 'plugins_of_tests:ForceOnlyDrag'}"
+
+
+@pytest.mark.parametrize(
+    ("section", "value", "message"),
+    [
+        (
+            "plugins",
+            f"{{payload_controller: {part('NoTreeController')}}}",
+            "plugins.payload_controller: plugins_of_tests:NoTreeController built a value of type NoTree, "
+            "which is not a PyTree; decorate its class with `colift.math.pytree.pytree`",
+        ),
+        (
+            "plugins",
+            f"{{payload_controller: {part('FailingController')}}}",
+            "plugins.payload_controller: plugins_of_tests:FailingController.build: RuntimeError: no gains",
+        ),
+        (
+            "plugins",
+            f"{{payload_controller: {part('BranchingController')}}}",
+            f"payload_controller: Branching.compute (plugins_of_tests.py:{BRANCH_LINE}): a Python condition depends on "
+            "an array; use `jnp.where` or `jax.lax.cond` instead of `if` (docs/change_a_part.md)",
+        ),
+        (
+            "disturbances",
+            f"[{DRAG}]",
+            "disturbances.drag: ForceOnly.__call__: the result is float64[3]; must be (float64[3], float64[3]) "
+            "(docs/change_a_part.md)",
+        ),
+        (
+            "sensors",
+            f"{{models: [{own('NoStateSensor')}]}}",
+            "sensors.models.0: NoState.apply: returned Measurement; must return (result, next state) "
+            "(docs/change_a_part.md)",
+        ),
+        (
+            "reference",
+            own("PointReference"),
+            "reference: Point.evaluate: the result is float64[3]; must be PayloadSetpoint (docs/change_a_part.md)",
+        ),
+        (
+            "actuators",
+            own("HalfActuatorSettings"),
+            "actuators: HalfActuators.__call__: returned (AgentInput); must return (result, next state) "
+            "(docs/change_a_part.md)",
+        ),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused_before_a_flight(folder, section, value, message):
+    """The command line reports part, method, what is required and what was returned, in one line."""
+    text = re.sub(rf"^{section}:.*\n(  .*\n)*", "", SAMPLE, flags=re.MULTILINE)
+    settings = read(folder, f"\n{section}: {value}\n", text)
+    with pytest.raises(ScenarioError) as error:
+        colift.make_experiment(settings, "C1")
+    assert str(error.value) == message
+    done = CliRunner().invoke(app, ["study", str(folder / "mine.yaml"), "--quiet", "--out", str(folder / "out")])
+    assert (done.exit_code, done.stderr) == (2, f"{message}\n")
 
 
 def test_a_scenario_without_parts_of_one_s_own_leaves_the_import(tmp_path):
