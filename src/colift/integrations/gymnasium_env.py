@@ -218,6 +218,13 @@ class StepResult:
     e_p: Float[Array, "*flights"]
 
 
+def _payload_controller(setup: simulator.LoopConfig) -> ResidualWrenchController:
+    """Return the payload controller of an environment."""
+    payload_controller = setup.controller.payload_controller
+    assert isinstance(payload_controller, ResidualWrenchController)  # ensured by `make_task`
+    return payload_controller
+
+
 @functools.partial(jax.jit, static_argnums=0)
 def step(
     ticks: int, setup: simulator.LoopConfig, loop: simulator.LoopState, wrench: Float[Array, "6"], seed: Int[Array, "2"]
@@ -234,7 +241,7 @@ def step(
     Returns:
         State, observation and reward after the step.
     """
-    payload_controller = dataclasses.replace(setup.controller.payload_controller, wrench=wrench)
+    payload_controller = dataclasses.replace(_payload_controller(setup), wrench=wrench)
     setup = dataclasses.replace(
         setup, controller=dataclasses.replace(setup.controller, payload_controller=payload_controller)
     )
@@ -465,7 +472,7 @@ class TransportVecEnv(gymnasium.vector.VectorEnv):
 
 def _spaces(task: TransportTask) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
     """Return the spaces of actions and observations."""
-    shape = task.setup.controller.payload_controller.initial_observation.shape
+    shape = _payload_controller(task.setup).initial_observation.shape
     return gymnasium.spaces.Box(-1.0, 1.0, (6,), np.float32), gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift import gp
-from colift.closed_loop import flight
+from colift.closed_loop import flight, part_checks
 from colift.math.pytree import pytree
 from colift.models import inverse_dynamics
 from colift.models.parameters import Team
@@ -38,6 +38,7 @@ from colift.scenario import (
     termination,
 )
 from colift.scenario import world as world_module
+from colift.scenario.conversion import check_plugin
 from colift.simulation import disturbances as disturbances_module
 from colift.simulation.world import SimulatedWorld
 
@@ -96,8 +97,9 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         Experiment by case.
 
     Raises:
-        ScenarioError: If a grasp, an allocation or an initial state is impossible, if the team cannot hover, or if a
-            disturbance has an internal state in case `true_residual`.
+        ScenarioError: If a grasp, an allocation or an initial state is impossible, if the team cannot hover, if a
+            user-defined part does not fit its interface, or if a disturbance has an internal state in case
+            `true_residual`.
         KeyError: If there is no such case.
     """
     cases = [case_id(case) for case in cases]
@@ -114,7 +116,6 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         if (share := given.rig_label_error) is not None:
             error = jax.tree.map(lambda f: share * f, deviation)
     controller = controllers.make_controller(settings, nominal)
-    termination.true_hover_thrust(settings, truth, controller, sources)
     c1 = flight.Experiment(
         world=world_module.make_world(settings, truth, z, sources, error),
         controller=controller,
@@ -131,6 +132,8 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         seed=settings.seed,
         fit_latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
+    check_plugin(part_checks.check_parts, c1)
+    termination.true_hover_thrust(settings, truth, controller, sources)
     return {case: _case_experiment(case, c1, settings) for case in cases}
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
+from colift.closed_loop import part_checks
 from colift.math import so3
 from colift.scenario import schema
-from colift.scenario.conversion import array, build_plugin, rotation
+from colift.scenario.conversion import array, build_plugin, check_plugin, rotation
 from colift.trajectories import base, departure, lissajous, minimum_snap
 
 
@@ -15,7 +16,9 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     """The payload's reference."""
     given = settings.reference
     if isinstance(given, schema.Plugin):
-        return build_plugin(given, "reference", base.ReferenceTrajectory)
+        reference = build_plugin(given, "reference", base.ReferenceTrajectory)
+        check_plugin(part_checks.check_reference, reference)
+        return reference
     if isinstance(given, schema.Waypoints):
         turns = _unwrap([np.asarray(so3.log(rotation(pose.rpy_deg))) for pose in given.poses])
         return minimum_snap.minimum_snap(
