@@ -73,10 +73,12 @@ def _fields(app, what, name, obj, options, lines):
     if what != "class" or not dataclasses.is_dataclass(obj) or not dataclasses.fields(obj):
         return
     comments = _comments(obj)
+    described = any(comments.get(field.name) for field in dataclasses.fields(obj))
     lines += ["", ".. list-table::", "   :align: left", ""]
     for field in dataclasses.fields(obj):
         kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
-        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``", f"     - {comments.get(field.name, '')}"]
+        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``"]
+        lines += [f"     - {comments.get(field.name, '')}"] if described else []
     lines.append("")
 
 
