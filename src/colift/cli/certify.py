@@ -47,7 +47,7 @@ def certify(
     from colift.workflows import certification
 
     read = functools.partial(common.load_settings, name, overrides, duration, seed)
-    results = out or common.default_folder(name, overrides, duration, seed)
+    results = common.results_folder(out, overrides, duration, seed)
     with common.open_results(read, results, replace) as (settings, folder):
         try:
             with common.show_progress(f"certifying {settings.name}", quiet) as progress:
@@ -56,11 +56,11 @@ def certify(
                 summary = certification.save_certificate(settings, made, worst, folder, progress)
         except ValueError as error:
             common.fail(error)
-    with common.guard_output(f"; the results are in {results}"):
+    with common.guard_output(f"; the results are in {folder.target}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_certificate(summary, results)
+            print_certificate(summary, folder.target)
     if summary["violations"]:
         common.exit_with(common.EXIT_VIOLATION)
 
@@ -103,7 +103,7 @@ def falsify(
     read = functools.partial(common.load_settings, name, overrides, duration, seed)
     completed: list[FalsificationTrial] = []
     summary: Any = None
-    results = out or common.default_folder(name, overrides, duration, seed, suffix="-falsification")
+    results = common.results_folder(out, overrides, duration, seed, suffix="-falsification")
     with common.open_results(read, results, replace, keep_on_interrupt=True) as (settings, folder):
         requested = common.split_values(trials) if trials else falsification.trial_names(settings, rounds)
         try:
@@ -117,11 +117,11 @@ def falsify(
             common.fail(error)
     options = [word for override in overrides or () for word in ("--set", override)]
     options += [] if duration is None else ["--duration", f"{duration:g}"]
-    with common.guard_output(f"; the results are in {results}"):
+    with common.guard_output(f"; the results are in {folder.target}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_falsification(completed, name, options, settings.seed, results)
+            print_falsification(completed, name, options, settings.seed, folder.target)
     if any(trial.is_violated for trial in completed):
         common.exit_with(common.EXIT_VIOLATION)
 

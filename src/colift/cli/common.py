@@ -348,20 +348,21 @@ def load_settings(
     return settings
 
 
-def default_folder(
-    name: str,
+def results_folder(
+    out: Path | None,
     overrides: Sequence[str] | None = None,
     duration: float | None = None,
     seed: int | None = None,
     engine: Engine | None = None,
     suffix: str = "",
-) -> Path:
-    """Return the folder of the results of a command without ``--out``.
+) -> Callable[[Scenario], Path]:
+    """Return a function of the settings that returns the folder for the results of a command.
 
-    Its name contains the options that change the run, so that results of different runs have different folders.
+    Without ``--out`` its name consists of the name of the scenario and the options that change the run, so that results
+    of different runs have different folders.
 
     Args:
-        name: Shipped scenario or path of a file.
+        out: Folder from the command line.
         overrides: Settings as ``PATH=VALUE``.
         duration: Duration of the simulated flight [s].
         seed: Seed of all random numbers.
@@ -374,7 +375,8 @@ def default_folder(
     changes = "-".join([*parts, *(re.sub(r"[^\w.=+-]+", "_", override) for override in overrides or ())])
     if len(changes) > MAX_FOLDER_CHANGES:
         changes = hashlib.sha256(repr((*parts, *(overrides or ()))).encode()).hexdigest()[:12]
-    return Path("out") / "-".join(filter(None, (f"{Path(name).stem}{suffix}", changes)))
+    default = lambda settings: Path("out") / "-".join(filter(None, (f"{settings.name}{suffix}", changes)))  # noqa: E731
+    return default if out is None else lambda _settings: out
 
 
 def _with_option_names(message: str, duration: float | None) -> str:
@@ -408,7 +410,7 @@ def _shortened_learning(name: str, overrides: Sequence[str], duration: float) ->
 
 @contextlib.contextmanager
 def open_results(
-    read: Callable[[], Scenario], out: Path, replace: bool, keep_on_interrupt: bool = False
+    read: Callable[[], Scenario], out: Callable[[Scenario], Path], replace: bool, keep_on_interrupt: bool = False
 ) -> Generator[tuple[Scenario, RunDirectory]]:
     """Read the settings and open their folder for results, with exclusive access within the block.
 
@@ -416,7 +418,7 @@ def open_results(
 
     Args:
         read: Function that returns the settings.
-        out: Folder for the results.
+        out: Function that returns the folder for the results.
         replace: Remove earlier results from the folder.
         keep_on_interrupt: Keep the files that are complete after a request to end.
 
@@ -433,14 +435,17 @@ def open_results(
     signals.raise_if_interrupted()
     try:
         settings = read()
-        with open_run_directory(settings, out, replace, keep_on_interrupt) as folder:
+        with open_run_directory(settings, out(settings), replace, keep_on_interrupt) as folder:
             if folder.replaced:
-                print_status(f"{out} contains {folder.replaced}: they are removed when the new ones are complete")
+                print_status(
+                    f"{folder.target} contains {folder.replaced}: they are removed when the new ones are complete"
+                )
             try:
                 yield settings, folder
             except signals.Interrupted:
                 kept = keep_on_interrupt and run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
-                print_warning(f"interrupted; {'completed parts are in' if kept else 'nothing was written to'} {out}")
+                note = "completed parts are in" if kept else "nothing was written to"
+                print_warning(f"interrupted; {note} {folder.target}")
                 raise
     except (scenario.ScenarioError, codegen.CompilerError, OSError) as error:
         fail(error)

@@ -71,7 +71,7 @@ def study(
     requested = list(experiment.PAPER_CASES) if cases is None else common.parse_cases(cases)
     selected = dict.fromkeys([*requested, *(experiment.BASELINES if baselines else ())])
     read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)
-    folder = out or common.default_folder(name, overrides, duration, seed, engine)
+    folder = common.results_folder(out, overrides, duration, seed, engine)
     _simulate(read, tuple(selected), folder, replace, quiet, as_json, held_out=held_out)
 
 
@@ -93,14 +93,14 @@ def run(
     """Simulate a scenario in one case and write the same files as ``colift study``."""
     case = common.parse_case(case)
     read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)
-    folder = out or common.default_folder(name, overrides, duration, seed, engine, f"-{case}")
+    folder = common.results_folder(out, overrides, duration, seed, engine, f"-{case}")
     _simulate(read, (case,), folder, replace, quiet, as_json)
 
 
 def _simulate(
     read: Callable[[], Scenario],
     cases: tuple[str, ...],
-    out: Path,
+    out: Callable[[Scenario], Path],
     replace: bool,
     quiet: bool,
     as_json: bool,
@@ -111,7 +111,7 @@ def _simulate(
     Args:
         read: Function that returns the settings.
         cases: Identifiers of the cases.
-        out: Folder for the results.
+        out: Function of the settings that returns the folder for the results.
         replace: Remove earlier results from the folder.
         quiet: Print only warnings and results.
         as_json: Print the summary as JSON instead of tables.
@@ -130,11 +130,11 @@ def _simulate(
         with common.guard_output():
             print_feasibility(feasibility_report, quiet or as_json)
         summary = _run_with_progress(settings, folder, experiments, feasibility_report, held_out_experiments, quiet)
-    with common.guard_output(f"; the results are in {out}"):
+    with common.guard_output(f"; the results are in {folder.target}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_study(summary, out)
+            print_study(summary, folder.target)
     if any(not summary["cases"][case]["complete"] for case in cases):
         common.exit_with(common.EXIT_INCOMPLETE)
 

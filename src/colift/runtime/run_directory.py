@@ -45,7 +45,7 @@ class RunDirectory:
 
     Attributes:
         path: Hidden folder to which the files are written.
-        target: Folder that contains the files after the command.
+        target: Folder that contains the files after the command, as it was given.
         run_id: Identifier of the run.
         replaced: Description of the earlier results that are removed; None if there are none.
     """
@@ -97,7 +97,7 @@ def stage_run_directory(
             file with one of the names was not written by colift.
         Interrupted: If the block raises it.
     """
-    target = _resolve_target(target)
+    given, target = target, _resolve_target(target)
     staging = target.parent / f".{target.name}.{os.getpid()}.new"
     with contextlib.ExitStack() as stack:
         _lock(target.parent / f".{target.name}{LOCK_SUFFIX}", target, stack)
@@ -106,7 +106,7 @@ def stage_run_directory(
         replaced = _check_contents(target, run_id, patterns, replace)
         _copy_contents(target, staging, patterns if replaced else ())
         try:
-            yield RunDirectory(staging, target, run_id, replaced)
+            yield RunDirectory(staging, given, run_id, replaced)
         except signals.Interrupted:
             if keep_on_interrupt:
                 _publish(staging, target)

@@ -364,7 +364,7 @@ def test_override_replaces_an_invalid_value():
         ("payload=[2", "--set payload: not valid YAML"),
         ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
         ("=2", "--set '=2': must be `path=value`"),
-        ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1, got '2'"),
+        ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got '2'"),
         (
             "agents.side.name=a",
             "--set agents.side.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got 'side'",
@@ -454,7 +454,7 @@ def test_unreadable_file_gives_one_line(tmp_path):
     folder.mkdir()
     for path, reason in [
         (binary, ":1: cannot be read: not UTF-8"),
-        (folder, "directory"),
+        (folder, "a folder, not a file"),
         (tmp_path / "absent.yaml", "No such file"),
         (Path("~nobody_of_that_name/a.yaml"), "home directory"),
         (Path("/dev/zero"), "holds more than 100000 characters"),

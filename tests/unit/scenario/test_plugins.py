@@ -1,4 +1,4 @@
-"""Parts of one's own in a scenario file: found, checked, built; and every mistake told with its place."""
+"""User-defined plugins in a scenario file: import, checks, construction, and the place in every error message."""
 
 import dataclasses
 import re
@@ -305,7 +305,7 @@ def part(name: str, settings: str = "{}") -> str:
 
 
 def refused(folder: Path, more: str) -> str:
-    """What is said of a text, without `file:line`, one mistake."""
+    """Return the error message of a text with one error, without `file:line`."""
     with pytest.raises(ScenarioError) as error:
         read(folder, more)
     place, _, words = str(error.value).partition(": ")
@@ -357,8 +357,8 @@ def test_parts_of_every_kind_are_built_from_their_settings(folder):
     assert np.allclose(flight.records.p_d, [1.0, 2.0, 3.0])
 
 
-def test_residuals_known_exactly_are_refused_where_a_law(folder):
-    """Residuals known exactly are refused where a law remembers."""
+def test_exact_residuals_are_refused_for_laws_with_a_state(folder):
+    """Exact residuals are refused if a disturbance law has an internal state."""
     with plugin_path(folder):
         laws = [
             {"kind": "plugin", "class_path": f"plugins_of_tests:{law}", "settings": {"force_N": [1, 0, 0]}}
