@@ -44,7 +44,7 @@ def resolves(name: str) -> bool:
     return hasattr(importlib.import_module(f"colift.{module}"), attribute)
 
 
-def tests_in(file: str) -> set[str]:
+def names_of_tests(file: str) -> set[str]:
     """Return the names of the tests of a test module."""
     path = ROOT / "tests" / file
     tree = ast.parse(path.read_text(encoding="utf-8")) if path.exists() else ast.Module(body=[], type_ignores=[])
@@ -94,7 +94,7 @@ def test_every_equation_has_a_function_and_a_test(label, function, test):
         return
     for cell, exists in (
         (function, resolves),
-        (test, lambda name: name.split("::")[1] in tests_in(name.split("::")[0])),
+        (test, lambda name: name.split("::")[1] in names_of_tests(name.split("::")[0])),
     ):
         names = re.findall(r"`([^`]+)`", cell)
         assert names or cell == "not yet", f"{cell!r}: name what computes and what shows it, or say 'not yet'"
@@ -119,7 +119,7 @@ def test_functions_of_equations_are_called():
 @pytest.mark.parametrize("name", ["errata.md", "performance.md", "notation.md"])
 def test_tests_named_by_pages_exist(name):
     for file, test in re.findall(r"`([\w/]*test_\w+\.py)::(\w+)`", page(name)):
-        assert test in tests_in(file), f"{file}::{test}"
+        assert test in names_of_tests(file), f"{file}::{test}"
 
 
 def test_errata_rows_are_numbered_without_gap():

@@ -49,20 +49,20 @@ def check_parts(experiment: Experiment) -> None:
     controller = experiment.controller
     if not isinstance(controller, LeaderFollowerController):
         return
-    own = {name: part for name in PARTS if not _is_builtin(part := getattr(controller, name))}
-    for name, part in own.items():
+    user_parts = {name: part for name in PARTS if not _is_builtin(part := getattr(controller, name))}
+    for name, part in user_parts.items():
         _check_class(name, part)
-    if not own:
+    if not user_parts:
         return
-    checked = {name: _CheckedPart(name, part) for name, part in own.items()}
+    checked = {name: _CheckedPart(name, part) for name, part in user_parts.items()}
     world, dt = experiment.world, jnp.asarray(experiment.dt)
     measurement = world.measure_at_rest(experiment.initial_state)
     clock = ControlClock(t=jnp.zeros(()), dt=dt)
 
     def evaluate(measurement: Any) -> Any:
-        tested = dataclasses.replace(controller, **checked)
-        _, state = tested.init(measurement, clock)
-        return tested.step(state, measurement, clock)[:2]
+        checked_controller = dataclasses.replace(controller, **checked)
+        _, state = checked_controller.init(measurement, clock)
+        return checked_controller.step(state, measurement, clock)[:2]
 
     jax.eval_shape(evaluate, measurement)
 
@@ -95,52 +95,52 @@ class _CheckedPart:
 
 def _checked(name: str, kind: str, method: str, function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a method whose errors and results are checked."""
-    where = f"{name}: {kind}.{method}"
+    label = f"{name}: {kind}.{method}"
 
     def call(*arguments: Any, **keywords: Any) -> Any:
         try:
             result = function(*arguments, **keywords)
         except jax.errors.TracerBoolConversionError as error:
             raise PartError(
-                f"{where}: a Python condition depends on an array; use `jnp.where` or `jax.lax.cond` instead of `if`"
+                f"{label}: a Python condition depends on an array; use `jnp.where` or `jax.lax.cond` instead of `if`"
             ) from error
         except PartError:
             raise
         except Exception as error:
-            raise PartError(f"{where}: {type(error).__name__}: {error}") from error
+            raise PartError(f"{label}: {type(error).__name__}: {error}") from error
         if (name, method) in STATEFUL:
-            _check_state(where, result, arguments[STATE_ARGUMENT[name]])
+            _check_state(label, result, arguments[STATE_ARGUMENT[name]])
         if name == "payload_controller" and method == "compute":
-            _check_command(where, result[0])
+            _check_command(label, result[0])
         return result
 
     return call
 
 
-def _check_state(where: str, result: Any, state: Any) -> None:
+def _check_state(label: str, result: Any, state: Any) -> None:
     """Raise PartError unless a method returned a result and a next state like the previous one."""
     if not (isinstance(result, tuple) and len(result) == 2):
-        raise PartError(f"{where}: returned {type(result).__name__}; must return (result, next state)")
+        raise PartError(f"{label}: returned {type(result).__name__}; must return (result, next state)")
     before, after = (jax.tree.map(_shape, value) for value in (state, result[1]))
     if jax.tree.structure(before) != jax.tree.structure(after):
         raise PartError(
-            f"{where}: the next state has structure {jax.tree.structure(after)}; "
+            f"{label}: the next state has structure {jax.tree.structure(after)}; "
             f"must be that of `init`, {jax.tree.structure(before)}"
         )
     if jax.tree.leaves(before) != jax.tree.leaves(after):
         raise PartError(
-            f"{where}: the next state has shapes and types {jax.tree.leaves(after)}; "
+            f"{label}: the next state has shapes and types {jax.tree.leaves(after)}; "
             f"must be those of `init`, {jax.tree.leaves(before)}"
         )
 
 
-def _check_command(where: str, command: Any) -> None:
+def _check_command(label: str, command: Any) -> None:
     """Raise PartError unless an acceleration command has three float64 entries in each field."""
     for field in ("a", "alpha", "jerk"):
         value = getattr(command, field, None)
         if value is None or _shape(value) != "float64[3]":
             found = "nothing" if value is None else _shape(value)
-            raise PartError(f"{where}: `{field}` is {found}; must be float64[3]")
+            raise PartError(f"{label}: `{field}` is {found}; must be float64[3]")
 
 
 def _shape(value: Any) -> str:

@@ -160,7 +160,7 @@ def _lower(ctx: mlir.LoweringRuleContext, *args: Any, **params: Any) -> Any:
     try:
         build.require_compiler()
         return _lower_to_library(ctx, *args, **params)
-    except build.Unavailable as error:
+    except build.LibraryUnavailable as error:
         _warn_fallback(str(error))
         return _lower_with_jax(ctx, *args, **params)
 
@@ -290,8 +290,8 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     groups = _group_arguments(jaxpr.in_avals, [k in made.arguments for k in range(len(jaxpr.in_avals))], batched)
     sizes = [[jaxpr.in_avals[k].size for k in group] for group in groups]
     starts = [np.cumsum([0, *size]) for size in sizes]
-    place = {k: f"in[{i}] + {at}" for i, p in enumerate(groups) for k, at in zip(p, starts[i], strict=False)}
-    args = [place[k] for k in made.arguments] + [f"out[{k}]" for k in made.results]
+    pointers = {k: f"in[{i}] + {at}" for i, p in enumerate(groups) for k, at in zip(p, starts[i], strict=False)}
+    args = [pointers[k] for k in made.arguments] + [f"out[{k}]" for k in made.results]
     files = resources.files("colift.codegen")
     numbers = lambda x: ", ".join(map(str, x)) or "0"  # noqa: E731
     return "\n".join([

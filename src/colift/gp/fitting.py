@@ -196,9 +196,9 @@ def validate_data(X: ArrayLike, Y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     if X.ndim != 2 or Y.ndim != 2 or len(X) != len(Y):
         raise ValueError(f"X {X.shape} and Y {Y.shape}: must be (N, dimensions) and (N, outputs) with one N")
     for name, A in (("X", X), ("Y", Y)):
-        bad = ~(np.abs(A) <= MAX_MAGNITUDE)
-        if bad.any():
-            row, column = np.argwhere(bad)[0]
+        invalid = ~(np.abs(A) <= MAX_MAGNITUDE)
+        if invalid.any():
+            row, column = np.argwhere(invalid)[0]
             raise ValueError(
                 f"{name}[{row}, {column}] = {A[row, column]}: must be finite, at most {MAX_MAGNITUDE:g} in magnitude"
             )

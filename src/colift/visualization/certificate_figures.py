@@ -44,14 +44,14 @@ def plot_certificate(
         best = certificate.radii.get("recovery", certificate.radii["energy"])
         _plot_errors_and_radii(left, certificate, "recovery" if "recovery" in certificate.radii else "energy")
         _plot_slack(right, conservatism)
-        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in certificate.exceeded)):
+        if above := ", ".join(dict.fromkeys(ERROR_SYMBOLS[each.error] for each in certificate.exceeded)):
             left.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
         if best.assumptions:
             figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumptions)}", TITLE), fontsize=8)
         return style.save_figure(figure, Path(folder) / "figure_6_certificate", run)
 
 
-SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
+ERROR_SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
 """Symbol of each error in titles."""
 
 

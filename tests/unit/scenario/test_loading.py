@@ -369,7 +369,7 @@ def test_override_replaces_an_invalid_value():
         ("payload=[2", "--set payload: not valid YAML"),
         ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
         ("=2", "--set '=2': must be `path=value`"),
-        ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1, got '2'"),
+        ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got '2'"),
         (
             "agents.side.name=a",
             "--set agents.side.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got 'side'",
