@@ -46,7 +46,7 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
 
 
 def _unwrap(theta: list[np.ndarray]) -> np.ndarray:
-    """Rotation vectors of the same rotations, each the nearest to the one before, up to one turn away."""
+    """Return the rotation vectors of the same rotations that are closest to the previous ones, within one full turn."""
     out = [theta[0]]
     for vector in theta[1:]:
         angle = np.linalg.norm(vector)
