@@ -34,9 +34,9 @@ GRID = jnp.asarray(np.stack(np.meshgrid(AXIS, AXIS), axis=-1).reshape(-1, DIMENS
 
 CERTAIN = {BoundAssumption.RKHS_NORM, BoundAssumption.FIXED_HYPERPARAMETERS, BoundAssumption.HORIZON}
 NOISES = {
-    "two-point": {BoundAssumption.WITHIN_MODEL, BoundAssumption.ZERO_MEAN, BoundAssumption.INDEPENDENT},
+    "two-point": {BoundAssumption.NOISE_WITHIN_STD, BoundAssumption.ZERO_MEAN, BoundAssumption.INDEPENDENT},
     "Gaussian": {BoundAssumption.SUB_GAUSSIAN, BoundAssumption.INDEPENDENT},
-    "filtered and biased": {BoundAssumption.WITHIN_MODEL},
+    "filtered and biased": {BoundAssumption.NOISE_WITHIN_STD},
 }
 # R as repeated measurements at one input would show it: of the filtered noise about its mean.
 DEVIATION = {"two-point": NOISE, "Gaussian": NOISE, "filtered and biased": 0.092 * NOISE}

@@ -307,8 +307,8 @@ MUTANTS = {
     # bounds and certificates
     "tube: feedback of the deviation omitted": Mutant(
         "certification/tube.py",
-        'direct[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])',
-        "direct[t]",
+        'direct_term[t] + np.einsum("isj,sj->i", M[t, :, :t], d[:t])',
+        "direct_term[t]",
         "unit/certification/test_tube",
     ),
     "tube: width of the ellipsoids omitted": Mutant(

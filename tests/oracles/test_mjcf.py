@@ -128,7 +128,7 @@ def test_contacts_are_closed_on_the_grasp(case: SimpleNamespace) -> None:
 
 
 def test_contact_parameters_are_at_mujocos_bounds() -> None:
-    assert mjcf.RIGID.impedance == mujoco.mjMAXIMP
+    assert mjcf.RIGID_CONTACT.impedance == mujoco.mjMAXIMP
     team, z = teams.reference_team(), teams.reference_guess()
     R, pull = [], []
     for part in (0.5, 1.0, 2.0):

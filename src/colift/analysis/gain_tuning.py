@@ -80,11 +80,11 @@ class LoopDesign:
     @property
     def cost(self) -> float:
         """Growth rate of the slowest mode of all loops [1/s], which is to be minimized."""
-        own = (
+        nominal_cost = (
             max(math.log(np.abs(np.linalg.eigvals(A)).max()) for A in self.jacobians(self.step_jacobian))
             / self.experiment.dt
         )
-        return max(own, self.with_learned_parameters.cost) if self.with_learned_parameters else own
+        return max(nominal_cost, self.with_learned_parameters.cost) if self.with_learned_parameters else nominal_cost
 
 
 @dataclasses.dataclass(frozen=True)

@@ -353,13 +353,13 @@ def _along(
         shift = (d.p - state.payload.p)[None] + c @ transpose(d.R - state.payload.R)
         agents.append(dataclasses.replace(q, x=q.x + shift, v=d.v[None] + c @ transpose(matmul(d.R, omega_hat))))
         accelerations.append(d.a[None] + c @ transpose(rotation_acceleration))
-    moved = State(agents=tuple(agents), payload=PayloadState(p=d.p, R=d.R, v=d.v, omega=d.omega))
-    f = disturbances.initial_forces(sources, team, moved)
+    displaced = State(agents=tuple(agents), payload=PayloadState(p=d.p, R=d.R, v=d.v, omega=d.omega))
+    f = disturbances.initial_forces(sources, team, displaced)
     angular_rate = payload.inertia @ d.omega_dot + so3.cross(d.omega, payload.inertia @ d.omega)
     W = Wrench(F=payload.mass * (d.a - g) - f.payload.F, tau=angular_rate - f.payload.tau)
     steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
     lam = onboard_controller.allocator.allocate(
-        controller.context_at(onboard_controller, moved, jnp.zeros(6), t), W, steady
+        controller.context_at(onboard_controller, displaced, jnp.zeros(6), t), W, steady
     ).lam
     parts = zip(team.agent_groups, grasp.split_contacts(team, lam), accelerations, f.agents, strict=True)
     required = [

@@ -313,8 +313,8 @@ def _newton_equilibrium(
         if not np.isfinite(residual).all():
             break
         if jacobian is None or np.abs(residual).max() > previous / 10:
-            moved = _evaluate_around(setup, loop, noise, (1,))[0]
-            jacobian = (moved - residual).T / DIFFERENCE_STEP  # first order in the step suffices for the search
+            displaced = _evaluate_around(setup, loop, noise, (1,))[0]
+            jacobian = (displaced - residual).T / DIFFERENCE_STEP  # first order in the step suffices for the search
         if not np.isfinite(jacobian).all():
             break
         previous = np.abs(residual).max()
@@ -376,8 +376,8 @@ def predict_growth_rate(experiment: flight.Experiment, state: State, x: LoopStat
     v, w = right[:, k], left[:, k].conj()
     w = w / (w @ v)
     parts = np.stack([v.real, v.imag])
-    moved = _displace(x, jnp.asarray(DIFFERENCE_STEP * np.concatenate([parts, -parts])))
-    changed = _after_one_tick(setup, loop, noise, [_batch_element(moved, jnp.asarray(i)) for i in range(4)])
+    displaced = _displace(x, jnp.asarray(DIFFERENCE_STEP * np.concatenate([parts, -parts])))
+    changed = _after_one_tick(setup, loop, noise, [_batch_element(displaced, jnp.asarray(i)) for i in range(4)])
     derivative = (changed[:2] - changed[2:]) / (2 * DIFFERENCE_STEP)
     return float(np.log(np.abs(w @ (derivative[0] + 1j * derivative[1]))) / experiment.dt)
 
@@ -412,8 +412,8 @@ def _evaluate_around(
     x = _select_states(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
     moves = DIFFERENCE_STEP * np.stack([k * np.eye(n) for k in steps])
-    moved = _displace(x, jnp.asarray(moves.reshape(-1, n)))
-    points = [_batch_element(moved, jnp.asarray(k)) for k in range(len(steps) * n)]
+    displaced = _displace(x, jnp.asarray(moves.reshape(-1, n)))
+    points = [_batch_element(displaced, jnp.asarray(k)) for k in range(len(steps) * n)]
     return _after_one_tick(setup, loop, noise, points).reshape(len(steps), n, n)
 
 

@@ -264,7 +264,7 @@ def _solve_tube(loop: LinearizedTrajectory, bodies: Sequence[BodyModel], progres
 
 
 def _feature_weights(loop: LinearizedTrajectory, bodies: Sequence[BodyModel], nodes: NDArray[np.intp]) -> list[Matrix]:
-    """Return the effect of f~ up to the last of some nodes on the model inputs of each body at the nodes."""
+    """Return the weights that map f~ until the last node to the model inputs of each body at the nodes."""
     names = ["payload", *(f"agent {j}" for j in range(len(bodies) - 1))]
     L = linearized_trajectory.adjoint_weights(loop, loop.output_rows(*names), nodes)[:, :, : nodes[-1] + 1]
     ends = np.cumsum([loop.output_rows(name).size for name in names])

@@ -284,8 +284,8 @@ def refine_bound(
     """
     peaks = peak_gains(k_R, k_omega)
     while True:
-        forced = _forced_response_peaks(peaks, k_R, rho, *bounds)
-        new = min(bounds[0], free[0] + forced[0]), min(bounds[1], free[1] + forced[1])
+        forced_response = _forced_response_peaks(peaks, k_R, rho, *bounds)
+        new = min(bounds[0], free[0] + forced_response[0]), min(bounds[1], free[1] + forced_response[1])
         if new[0] >= bounds[0] * (1 - ROUNDING) and new[1] >= bounds[1] * (1 - ROUNDING):
             return bounds
         bounds = new
@@ -322,8 +322,8 @@ def _invariant_bounds(k_R: float, k_omega: float, rho: float, free: tuple[float,
     """Return the smallest x found from below with `free + F(x) < x`; infinite if none is found."""
     peaks, x = peak_gains(k_R, k_omega), free
     while x[0] < np.pi and math.isfinite(x[1]):
-        forced = _forced_response_peaks(peaks, k_R, rho, *x)
-        new = free[0] + forced[0], free[1] + forced[1]
+        forced_response = _forced_response_peaks(peaks, k_R, rho, *x)
+        new = free[0] + forced_response[0], free[1] + forced_response[1]
         if new[0] < x[0] and new[1] < x[1]:
             return x
         x = (

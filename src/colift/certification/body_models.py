@@ -51,11 +51,11 @@ def body_models(
         residual_model.agents, bands.bound_posterior.agents, bands.agent_beta, eps.agents, agents, strict=True
     ):
         for j in range(len(group.num_points)):
-            one, companion = (jax.tree.map(lambda leaf, j=j: leaf[j], model) for model in (group, other))
+            model_of_body, companion = (jax.tree.map(lambda leaf, j=j: leaf[j], model) for model in (group, other))
             out.append(
                 BodyModel(
                     columns[len(out)],
-                    one,
+                    model_of_body,
                     companion,
                     np.asarray(beta[j], dtype=float),
                     eps.rkhs_norm,

@@ -155,7 +155,7 @@ def certify(
     loop: LinearizedTrajectory,
     names: Sequence[str] = BOUNDS,
     progress: Progress = lambda _message: None,
-    before: APrioriAnalysis | None = None,
+    a_priori_analysis: APrioriAnalysis | None = None,
 ) -> Certificate:
     """Compute ultimate bounds of the errors of a run.
 
@@ -167,7 +167,7 @@ def certify(
         loop: Closed loop linearized along the nominal trajectory; see `nominal_run.nominal_trajectory`.
         names: Bounds of the prediction error out of `BOUNDS`; the energy bound is always included.
         progress: Function called with a description of each step.
-        before: A priori analysis of another run with the same nominal trajectory. Only its bounds are used then.
+        a_priori_analysis: A priori analysis of another run with the same nominal trajectory, to reuse its bounds.
 
     Returns:
         Certificate of the run.
@@ -186,9 +186,11 @@ def certify(
         raise ValueError(f"no certificate: the flight ends {left:.3g} s after the last update: increase duration_s")
     with threadpool_limits(1):  # the matrices are small
         L = linearized_trajectory.adjoint_weights(loop, loop.output_rows(*ERRORS), grid.nodes)
-        before = before or a_priori.analyze_a_priori(experiment, flight, loop, grid, L, names, progress)
+        a_priori_analysis = a_priori_analysis or a_priori.analyze_a_priori(
+            experiment, flight, loop, grid, L, names, progress
+        )
         bodies = body_models(experiment, flight, flight.records, loop.nodes, "energy")
-        names = [name for name in before.reachable_deviation if name in (*names, "energy")]
+        names = [name for name in a_priori_analysis.reachable_deviation if name in (*names, "energy")]
         run, unavailable = a_priori.reachable_deviations(
             experiment, flight, bodies, flight.records, loop, L, names, "run", progress
         )
@@ -197,7 +199,7 @@ def certify(
         nominal_run.error_components(flight.records),
     )
     center, errors = (each[loop.nodes][grid.nodes] for each in (nominal, observed_components))
-    intervals = _error_intervals(center, before, run)
+    intervals = _error_intervals(center, a_priori_analysis, run)
     best = intervals.get("recovery", intervals["energy"])
     corner = _corner(best["a_posteriori"])[:, :3]
     sizes = np.linalg.norm(corner, axis=1)
@@ -212,10 +214,12 @@ def certify(
         linearization_error={}
         if assumptions.has_sensor_noise(experiment.world.sensors)
         else _norms(errors - center - _first_order_response(bodies, flight, loop, L)),
-        noise_response={error: float(before.noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)},
-        ultimate_bounds=_ultimate_bounds(experiment, grid, before, intervals),
-        unavailable_bounds={**before.unavailable_bounds, **unavailable},
-        a_priori=before,
+        noise_response={
+            error: float(a_priori_analysis.noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)
+        },
+        ultimate_bounds=_ultimate_bounds(experiment, grid, a_priori_analysis, intervals),
+        unavailable_bounds={**a_priori_analysis.unavailable_bounds, **unavailable},
+        a_priori=a_priori_analysis,
         t=loop.t[grid.nodes],
         errors=errors,
         intervals=best,
@@ -244,14 +248,17 @@ def max_error(records: signals.StepRecord, window: tuple[float, float]) -> tuple
 
 
 def _error_intervals(
-    center: Matrix, before: APrioriAnalysis, run: Mapping[str, Matrix]
+    center: Matrix, a_priori_analysis: APrioriAnalysis, run: Mapping[str, Matrix]
 ) -> dict[str, dict[str, ErrorInterval]]:
     """Return the error intervals of each bound, a priori and a posteriori."""
-    margin = {"a_posteriori": before.noise, "a_priori": before.noise + before.path_deviation}
+    margin = {
+        "a_posteriori": a_priori_analysis.noise,
+        "a_priori": a_priori_analysis.noise + a_priori_analysis.path_deviation,
+    }
     return {
         name: {
             key: _interval(center, reached + margin[key])
-            for key, reached in (("a_priori", before.reachable_deviation[name]), ("a_posteriori", along_run))
+            for key, reached in (("a_priori", a_priori_analysis.reachable_deviation[name]), ("a_posteriori", along_run))
         }
         for name, along_run in run.items()
     }
@@ -260,16 +267,16 @@ def _error_intervals(
 def _ultimate_bounds(
     experiment: Experiment,
     grid: EvaluationGrid,
-    before: APrioriAnalysis,
+    a_priori_analysis: APrioriAnalysis,
     intervals: Mapping[str, Mapping[str, ErrorInterval]],
 ) -> dict[str, UltimateBounds]:
     """Return the ultimate bounds and their assumptions for each bound of the prediction error."""
     satisfied = experiment.bound_assumptions.satisfied
     tube_assumptions = error_bounds.unsatisfied("recover", satisfied)  # the tube weighs labels individually
     always = (
-        *(() if before.tube else ("S_X",)),
+        *(() if a_priori_analysis.tube else ("S_X",)),
         *assumptions.certificate_assumptions(
-            experiment, may_saturate=before.may_saturate, full_period=grid.full_period
+            experiment, may_saturate=a_priori_analysis.may_saturate, full_period=grid.full_period
         ),
     )
     return {

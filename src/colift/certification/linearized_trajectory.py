@@ -326,16 +326,16 @@ def adjoint_weights(loop: LinearizedTrajectory, rows: Nodes, at: Nodes) -> Matri
     """
     at = np.asarray(at)
     adjoint = loop.C[at][:, rows]
-    many, n, m = *adjoint.shape[1:], loop.B.shape[3]
-    L = np.zeros((len(at), many, len(loop.nodes), m))
+    outputs, n, m = *adjoint.shape[1:], loop.B.shape[3]
+    L = np.zeros((len(at), outputs, len(loop.nodes), m))
     for t, k in enumerate(at):
         L[t, :, k] = loop.D[k, rows]
     ends = sorted({*range(0, int(at.max(initial=0)), CHUNK_NODES), *map(int, at)})
     for start, end in reversed(list(itertools.pairwise(ends))):
         later = slice(int(np.searchsorted(at, end)), None)
         flat, (A, B) = adjoint[later].reshape(-1, n), _transition(loop, start, end)
-        L[later, :, start : end + 1] += (flat @ B).reshape(-1, many, end - start + 1, m)
-        adjoint[later] = (flat @ A).reshape(-1, many, n)
+        L[later, :, start : end + 1] += (flat @ B).reshape(-1, outputs, end - start + 1, m)
+        adjoint[later] = (flat @ A).reshape(-1, outputs, n)
     return L
 
 

@@ -152,10 +152,10 @@ def _migrated_texts(files: list[Path], out: Path | None) -> dict[Path, tuple[str
     texts: dict[Path, tuple[str, str]] = {}
     errors = []
     for file in files:
-        wrong = [path for path in (file, out) if path is not None and path.suffix not in scenario.SUFFIXES]
+        invalid = [path for path in (file, out) if path is not None and path.suffix not in scenario.SUFFIXES]
         try:
-            if wrong:
-                errors.append(f"{wrong[0]}: must end in {' or '.join(scenario.SUFFIXES)}")
+            if invalid:
+                errors.append(f"{invalid[0]}: must end in {' or '.join(scenario.SUFFIXES)}")
                 continue
             old = bounded_read.read_text(file)
             texts[file] = old, migrate_text(old)

@@ -266,7 +266,7 @@ def delassus_matrix(team: Team, r: np.ndarray, agent: int) -> np.ndarray:
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         joints = group.tree.joints
         if agent < size:
-            own = jnp.asarray(r[agent * joints : (agent + 1) * joints])
-            return np.asarray(grasp.delassus_matrix(jax.tree.map(lambda x, j=agent: x[j], group), own))
+            joint_positions = jnp.asarray(r[agent * joints : (agent + 1) * joints])
+            return np.asarray(grasp.delassus_matrix(jax.tree.map(lambda x, j=agent: x[j], group), joint_positions))
         agent, r = agent - size, r[size * joints :]
     raise IndexError(f"agent {agent}: index exceeds the number of agents")

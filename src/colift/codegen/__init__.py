@@ -182,7 +182,7 @@ def _lower(ctx: Any, *args: Any, **params: Any) -> Any:
     try:
         build.require_compiler()
         return jax_internals.lowering(_call_library)(ctx, *args, **params)
-    except build.Unavailable as error:
+    except build.LibraryUnavailable as error:
         _warn_fallback(f"{error}: native code runs on JAX instead, 10 to 100 times slower")
     except UnsupportedPrimitive as error:
         _warn_unsupported(str(error))
@@ -322,8 +322,8 @@ def source(jaxpr: Any, batched: bool) -> str:
     groups = _group_arguments(inputs, [k in made.arguments for k in range(len(inputs))], batched)
     sizes = [[inputs[k].size for k in group] for group in groups]
     starts = [np.cumsum([0, *size]) for size in sizes]
-    place = {k: f"in[{i}] + {at}" for i, p in enumerate(groups) for k, at in zip(p, starts[i], strict=False)}
-    args = [place[k] for k in made.arguments] + [f"out[{k}]" for k in made.results]
+    pointers = {k: f"in[{i}] + {at}" for i, p in enumerate(groups) for k, at in zip(p, starts[i], strict=False)}
+    args = [pointers[k] for k in made.arguments] + [f"out[{k}]" for k in made.results]
     files = resources.files("colift.codegen")
     numbers = lambda x: ", ".join(map(str, x)) or "0"  # noqa: E731
     return "\n".join([

@@ -107,14 +107,14 @@ def _reshape(e: Equation, axis: int) -> RuleResult:
 
 def _squeeze(e: Equation, axis: int) -> RuleResult:
     reduced_axes = [d % e.invars[0].aval.ndim for d in e.params["dimensions"]]
-    own = [k for k in range(e.invars[0].aval.ndim) if k not in reduced_axes][axis]
-    return {**e.params, "dimensions": _drop_axis(reduced_axes, own)}, [own]
+    operand_axis = [k for k in range(e.invars[0].aval.ndim) if k not in reduced_axes][axis]
+    return {**e.params, "dimensions": _drop_axis(reduced_axes, operand_axis)}, [operand_axis]
 
 
 def _transpose(e: Equation, axis: int) -> RuleResult:
-    own = int(e.params["permutation"][axis])
+    operand_axis = int(e.params["permutation"][axis])
     left = [p for k, p in enumerate(e.params["permutation"]) if k != axis]
-    return {**e.params, "permutation": tuple(int(p) - (p > own) for p in left)}, [own]
+    return {**e.params, "permutation": tuple(int(p) - (p > operand_axis) for p in left)}, [operand_axis]
 
 
 def _rev(e: Equation, axis: int) -> RuleResult:
@@ -142,15 +142,19 @@ def _other_axis_rule(name: str) -> Callable[[Equation, int], RuleResult]:
 
 
 def _stack(e: Equation, axis: int) -> RuleResult:
-    made = e.params["axis"]
-    own = axis - (axis > made)
-    return None if axis == made else ({**e.params, "axis": made - (made > axis)}, [own] * len(e.invars))
+    new_axis = e.params["axis"]
+    operand_axis = axis - (axis > new_axis)
+    return (
+        None
+        if axis == new_axis
+        else ({**e.params, "axis": new_axis - (new_axis > axis)}, [operand_axis] * len(e.invars))
+    )
 
 
 def _unstack(e: Equation, axis: int) -> RuleResult:
     reduced_axes = e.params["axis"]
-    own = axis + (axis >= reduced_axes)
-    return {**e.params, "axis": reduced_axes - (reduced_axes > own)}, [own]
+    operand_axis = axis + (axis >= reduced_axes)
+    return {**e.params, "axis": reduced_axes - (reduced_axes > operand_axis)}, [operand_axis]
 
 
 def _pad(e: Equation, axis: int) -> RuleResult:
@@ -164,8 +168,8 @@ def _pad(e: Equation, axis: int) -> RuleResult:
 
 def _reduce(e: Equation, axis: int) -> RuleResult:
     axes = e.params["axes"]
-    own = [k for k in range(e.invars[0].aval.ndim) if k not in axes][axis]
-    return {**e.params, "axes": _drop_axis(axes, own)}, [own]
+    operand_axis = [k for k in range(e.invars[0].aval.ndim) if k not in axes][axis]
+    return {**e.params, "axes": _drop_axis(axes, operand_axis)}, [operand_axis]
 
 
 def _dot(e: Equation, axis: int) -> RuleResult:

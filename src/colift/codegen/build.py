@@ -46,7 +46,7 @@ class CompilerError(RuntimeError):
     """The host's C compiler does not work, or it rejects the emitted source."""
 
 
-class Unavailable(RuntimeError):
+class LibraryUnavailable(RuntimeError):
     """The host cannot run native code: no C compiler is installed, or no library can be loaded."""
 
 
@@ -75,11 +75,11 @@ def require_compiler() -> tuple[str, ...]:
         The command with its options.
 
     Raises:
-        Unavailable: If no C compiler is installed.
+        LibraryUnavailable: If no C compiler is installed.
     """
     command = compiler()
     if command is None:
-        raise Unavailable("no C compiler (cc, gcc, clang or $CC) found")
+        raise LibraryUnavailable("no C compiler (cc, gcc, clang or $CC) found")
     return command
 
 
@@ -159,7 +159,7 @@ def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
         The loaded library.
 
     Raises:
-        Unavailable: If the library can be loaded from neither directory.
+        LibraryUnavailable: If the library can be loaded from neither directory.
     """
     folders = (lambda: cache.cache_directory("native")), _process_folder
     for folder in folders:
@@ -177,16 +177,16 @@ def library(name: str, source: Callable[[], str]) -> ctypes.CDLL:
         if lost:
             _warn_uncached(*lost)
         return found
-    raise Unavailable(f"no native library can be loaded ({'; '.join(lost)})")
+    raise LibraryUnavailable(f"no native library can be loaded ({'; '.join(lost)})")
 
 
 @functools.cache
 def _process_folder() -> Path:
-    """Create a directory that is removed when the process ends; raise `Unavailable` if that fails."""
+    """Create a directory that is removed when the process ends; raise `LibraryUnavailable` if that fails."""
     try:
         folder = Path(tempfile.mkdtemp(prefix="colift-"))
     except OSError as error:
-        raise Unavailable(f"no temporary folder ({error.strerror})") from None
+        raise LibraryUnavailable(f"no temporary folder ({error.strerror})") from None
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
 

@@ -67,7 +67,7 @@ def emit_final_writes(body: FunctionEmitter) -> None:
 
 def _outputs(body: FunctionEmitter, block: int) -> dict[int, ArrayRef]:
     """Return the locations of the required outputs of a block."""
-    return {k: place for (which, k), place in body.arrays.items() if which == block}
+    return {k: ref for (which, k), ref in body.arrays.items() if which == block}
 
 
 def _add_lines(body: FunctionEmitter, *lines: str) -> None:
@@ -128,10 +128,10 @@ def _map_arguments(
         if not b.mapped[k]:
             args.append(str(body.pack(nodes, mask)))
             continue
-        place, elements, offsets, stride = _row_location(body, nodes.reshape(b.length, -1), inner.used[k])
+        ref, elements, offsets, stride = _row_location(body, nodes.reshape(b.length, -1), inner.used[k])
         shift = int(offsets[0] - elements[0])
         if not lanes and (offsets - elements == shift).all() and shift >= 0:
-            args.append(f"{place + shift} + i * {stride}")
+            args.append(f"{ref + shift} + i * {stride}")
             continue
         name = body.new_name("t")
         first.append(f"V_{lanes or body.lanes} {name}[{b.function.inputs[k]}];")
@@ -140,7 +140,7 @@ def _map_arguments(
         for e, n, offset, step in _strided_runs(elements, offsets):
             each = f"for (int l = 0; l < WIDTH_{lanes}; l++) " if lanes else ""
             one = _lane_expression(f"({name} + {e})[e]", lanes or 1)
-            value = f"({place + offset})[e * {step} + {row} * {stride}]"
+            value = f"({ref + offset})[e * {step} + {row} * {stride}]"
             before.append(f"for (long e = 0; e < {n}; e++) {each}{one} = {value};")
     return first, before, args
 
@@ -161,9 +161,9 @@ def _reduction_lines(
     whole = _combine(reduction, lanes, f"{total}[e]", f"{row}[e]")
     inside = f"if (i + WIDTH_{lanes} <= {length}) {each} {total}[e] = {whole};"
     if length % lanes:
-        mine = _lane_expression(f"{total}[e]", lanes)
-        one = _combine(reduction, 1, mine, _lane_expression(f"{row}[e]", lanes))
-        inside += f" else {each} for (int l = 0; i + l < {length}; l++) {mine} = {one};"
+        lane_total = _lane_expression(f"{total}[e]", lanes)
+        one = _combine(reduction, 1, lane_total, _lane_expression(f"{row}[e]", lanes))
+        inside += f" else {each} for (int l = 0; i + l < {length}; l++) {lane_total} = {one};"
     one = _combine(reduction, 1, f"({to})[e]", _lane_expression(f"{total}[e]", lanes))
     first = _lane_expression(f"{total}[e]", lanes, "0")
     end = f"{each} {{ ({to})[e] = {first}; for (int l = 1; l < WIDTH_{lanes}; l++) ({to})[e] = {one}; }}"
@@ -201,15 +201,15 @@ def _row_location(
 ) -> tuple[ArrayRef, np.ndarray, np.ndarray, int]:
     """Locate the rows of an array: location, required elements, their offsets, and the distance between rows."""
     elements = np.flatnonzero(mask)
-    some = nodes[:, elements]
-    body.require(some.ravel())
-    at = body.g.range_indices(some)
-    stride = int(some[1, 0] - some[0, 0]) if len(some) > 1 else 0
-    if at[0, 0] >= 0 and (at == at[0, 0]).all() and (np.diff(some, axis=0) == stride).all() and stride >= 0:
+    rows = nodes[:, elements]
+    body.require(rows.ravel())
+    at = body.g.range_indices(rows)
+    stride = int(rows[1, 0] - rows[0, 0]) if len(rows) > 1 else 0
+    if at[0, 0] >= 0 and (at == at[0, 0]).all() and (np.diff(rows, axis=0) == stride).all() and stride >= 0:
         start, _, kind, array, block = body.g.ranges[int(at[0, 0])]
-        place = body.array_ref(kind, array, block)
-        if not place.uniform:
-            return place, elements, some[0] - start, stride
+        ref = body.array_ref(kind, array, block)
+        if not ref.uniform:
+            return ref, elements, rows[0] - start, stride
     whole = body.pack(nodes.ravel(), np.tile(mask, len(nodes)))
     return whole, elements, elements, nodes.shape[1]
 
@@ -273,17 +273,17 @@ class _Carry:
             )
             if same and own is not None and own[3] == np.flatnonzero(mask)[0]:
                 kept.add(k)
-                place = body.pack(nodes, mask)
+                ref = body.pack(nodes, mask)
             else:
-                place = body.pack(nodes, mask, is_exclusive=True)
+                ref = body.pack(nodes, mask, is_exclusive=True)
                 if writes_in_place(function, step, k, argument):
                     written.append((k, argument))
                 else:
-                    context, then = body.new_name("c"), body.new_name("c")
-                    self.moved.append((context, then, place, mask))
-            body.arrays[block, k] = place
-            moves = self.moved and self.moved[-1][2] is place
-            name = self.moved[-1][0] if moves else str(place)
+                    current, updated = body.new_name("c"), body.new_name("c")
+                    self.moved.append((current, updated, ref, mask))
+            body.arrays[block, k] = ref
+            moves = self.moved and self.moved[-1][2] is ref
+            name = self.moved[-1][0] if moves else str(ref)
             if step.used[argument].any() or (k, argument) in written:
                 self.inputs[argument] = name
             if moves:
@@ -291,15 +291,16 @@ class _Carry:
         self.kept, self.written = frozenset(kept), tuple(written)
         w = body.lanes
         self.start = [
-            f"V_{w} *{context} = {place}, *{then} = {body.array(mask.size)};"
-            for context, then, place, mask in self.moved
+            f"V_{w} *{current} = {ref}, *{updated} = {body.array(mask.size)};"
+            for current, updated, ref, mask in self.moved
         ]
         self.swap = [
-            f"{{ V_{w} *const was = {context}; {context} = {then}; {then} = was; }}" for context, then, *_ in self.moved
+            f"{{ V_{w} *const was = {current}; {current} = {updated}; {updated} = was; }}"
+            for current, updated, *_ in self.moved
         ]
         self.end = [
-            f"if ({context} != {place}) memcpy({place}, {context}, {mask.size} * sizeof(V_{w}));"
-            for context, _, place, mask in self.moved
+            f"if ({current} != {ref}) memcpy({ref}, {current}, {mask.size} * sizeof(V_{w}));"
+            for current, _, ref, mask in self.moved
         ]
 
 
@@ -344,7 +345,7 @@ def _while(body: FunctionEmitter, block: int, b: While, call: BlockLiveness) -> 
     names = {k: carry.inputs.get(b.consts + k) for k in range(len(b.outputs))}
     for k, used in enumerate(requested.used[b.tests :]):
         if used.any():
-            moved = next((context for context, _, place, _ in carry.moved if place is body.arrays[block, k]), None)
+            moved = next((current for current, _, ref, _ in carry.moved if ref is body.arrays[block, k]), None)
             tested[b.tests + k] = moved or names[k] or str(body.arrays[block, k])
     args = {**constants(b.tests, step.used, b.consts), **carry.inputs}
     flag = body.array(1)
@@ -358,8 +359,8 @@ def _while(body: FunctionEmitter, block: int, b: While, call: BlockLiveness) -> 
     lines.append(called)
     if w > 1:
         lines += [
-            f"for (long e = {low}; e < {high}; e++) {then}[e] = sel_{w}(go_on, {then}[e], {context}[e]);"
-            for context, then, _, mask in carry.moved
+            f"for (long e = {low}; e < {high}; e++) {updated}[e] = sel_{w}(go_on, {updated}[e], {current}[e]);"
+            for current, updated, _, mask in carry.moved
             for low, high in _intervals(mask)
         ]
     _add_lines(body, "{", *carry.start, "for (;;) {", *lines, *carry.swap, "}", *carry.end, "}")
@@ -371,10 +372,10 @@ def _while(body: FunctionEmitter, block: int, b: While, call: BlockLiveness) -> 
 def _branch(body: FunctionEmitter, b: Branch, call: BlockLiveness, outputs: dict[int, ArrayRef]) -> None:
     """Add a branch; with several lanes, each case runs if any lane requires it, and the results are blended."""
     w, last = body.lanes, len(b.branches) - 1
-    which = body.value(int(b.inputs[0][0]))
+    index = body.value(int(b.inputs[0][0]))
     packs = [body.pack(x, m) if m.any() else None for x, m in zip(b.inputs[1:], call.used[1:], strict=True)]
-    made = {k: body.array(place_size) if w > 1 else outputs[k] for k, place_size in _sizes(b, outputs)}
-    lines = [f"const V_{w} which = {which};"]
+    made = {k: body.array(size) if w > 1 else outputs[k] for k, size in _sizes(b, outputs)}
+    lines = [f"const V_{w} which = {index};"]
     if w > 1:
         lines.append(f"M_{w} left = eq_{w}(splat_{w}(0.0), splat_{w}(0.0));")
     for k, (f, live) in enumerate(zip(b.branches, call.functions, strict=True)):
@@ -445,20 +446,20 @@ def _window_loop(window: Window, w: int) -> str:
 def _read(body: FunctionEmitter, b: Read, call: BlockLiveness, to: ArrayRef) -> None:
     window, w, n = b.window, body.lanes, b.window.offset.size
     source, at = (body.pack(x, mask) for x, mask in zip(b.inputs, call.used, strict=True))
-    where, element = _window_lines(window, w, at)
+    location_lines, element = _window_lines(window, w, at)
     one = _lane_expression(f"({source})[at + {element}]", w)
     if window.drops:
         one = f"in ? {one} : {c_literal(b.fill_value)}"
     copy = f"for (long e = 0; e < {n}; e++) {_lane_expression(f'({to})[q * {n} + e]', w)} = {one};"
-    _add_lines(body, "{", *_window_tables(window), _window_loop(window, w), *where, copy, "}", "}")
+    _add_lines(body, "{", *_window_tables(window), _window_loop(window, w), *location_lines, copy, "}", "}")
 
 
 def _store(body: FunctionEmitter, b: Write, to: ArrayRef, at: ArrayRef, new: ArrayRef, *, guard: bool) -> None:
     window, w, n = b.window, body.lanes, b.window.offset.size
-    where, element = _window_lines(window, w, at)
-    there, new_value = _lane_expression(f"({to})[at + {element}]", w), _lane_expression(f"({new})[q * {n} + e]", w)
-    value = _combine(b.reduction, 1, there, new_value) if b.reduction else new_value
+    location_lines, element = _window_lines(window, w, at)
+    target, new_value = _lane_expression(f"({to})[at + {element}]", w), _lane_expression(f"({new})[q * {n} + e]", w)
+    value = _combine(b.reduction, 1, target, new_value) if b.reduction else new_value
     value = f"{b.check}_1({value})" if b.check else value
     skip = [f"if (!{_lane_expression('(*go)', w)}) continue;"] if guard else []
-    copy = f"if (in) for (long e = 0; e < {n}; e++) {there} = {value};"
-    _add_lines(body, "{", *_window_tables(window), _window_loop(window, w), *skip, *where, copy, "}", "}")
+    copy = f"if (in) for (long e = 0; e < {n}; e++) {target} = {value};"
+    _add_lines(body, "{", *_window_tables(window), _window_loop(window, w), *skip, *location_lines, copy, "}", "}")

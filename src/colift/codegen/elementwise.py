@@ -109,10 +109,10 @@ def _logic(g: Graph, eqn: Equation, *x: Nodes) -> Nodes:
 
 
 @rule("select_n")
-def _select_n(g: Graph, eqn: Equation, which: Nodes, *cases: Nodes) -> Nodes:
+def _select_n(g: Graph, eqn: Equation, index: Nodes, *cases: Nodes) -> Nodes:
     if is_bool(eqn.invars[0]):
-        return g.map("select", which, cases[1], cases[0])
-    return select_case(g, which, cases)
+        return g.map("select", index, cases[1], cases[0])
+    return select_case(g, index, cases)
 
 
 @rule("convert_element_type")

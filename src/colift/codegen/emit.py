@@ -82,13 +82,13 @@ class FunctionEmitter:
     def text(self) -> str:
         """Return the C text; the name of the function is the placeholder `@name`."""
         outputs, live, layout = self.function.outputs, self.liveness, self.layout
-        own = [
+        stored = [
             k for k in range(len(outputs)) if live.required[k].any() and k not in {*layout.kept, *dict(layout.written)}
         ]
         for k, j in layout.written:
             self.final_writes[self._block_of(outputs[k])] = ArrayRef(f"a{j}")
-        direct = self._direct_outputs(own)
-        for k in own:
+        direct = self._direct_outputs(stored)
+        for k in stored:
             if k in direct:
                 self.require(outputs[k][:1])
             else:
@@ -100,7 +100,7 @@ class FunctionEmitter:
             for k, used in enumerate(live.used)
             if used.any() or k in written
         }
-        parameters |= {f"o{k}": f"V_{w} *restrict o{k}" for k in own}
+        parameters |= {f"o{k}": f"V_{w} *restrict o{k}" for k in stored}
         if layout.guard:
             parameters["go"] = f"const M_{w} *restrict go"
         return outlining.assemble(self.lines, parameters, w, self.frame_size, self.unit.stack_bytes)
@@ -111,10 +111,10 @@ class FunctionEmitter:
         assert element is not None
         return element[2]
 
-    def _direct_outputs(self, own: Sequence[int]) -> set[int]:
+    def _direct_outputs(self, indices: Sequence[int]) -> set[int]:
         """Find the outputs that equal one array of a block; the block stores them directly."""
         direct = set()
-        for k in own:
+        for k in indices:
             out = self.function.outputs[k]
             element = self.g.element(int(out[0]))
             if element is None or element[0] != "out" or element[3] != 0:
@@ -142,8 +142,8 @@ class FunctionEmitter:
         element = self.g.element(node)
         assert element is not None
         kind, array, block, index = element
-        place = self.array_ref(kind, array, block)
-        return f"splat_{self.lanes}({place[index]})" if place.uniform else place[index]
+        ref = self.array_ref(kind, array, block)
+        return f"splat_{self.lanes}({ref[index]})" if ref.uniform else ref[index]
 
     def array_ref(self, kind: str, array: int, block: int) -> ArrayRef:
         """Return the location of an input (`kind` "in") or of an output of a block."""
@@ -268,11 +268,11 @@ class FunctionEmitter:
             return found
         key = (nodes.tobytes(), mask.tobytes())
         if is_exclusive or key not in self.packs:
-            place = self.array(len(nodes))
-            self.store_nodes(place, nodes, at)
+            ref = self.array(len(nodes))
+            self.store_nodes(ref, nodes, at)
             if is_exclusive:
-                return place
-            self.packs[key] = place
+                return ref
+            self.packs[key] = ref
         return self.packs[key]
 
     def _existing_array(self, nodes: Nodes, at: np.ndarray) -> ArrayRef | None:
@@ -281,8 +281,8 @@ class FunctionEmitter:
         if ranges[0] < 0 or ranges[0] != ranges[1] or not (nodes[at] - at == nodes[at[0]] - at[0]).all():
             return None
         start, _, kind, array, block = self.g.ranges[int(ranges[0])]
-        place, shift = self.array_ref(kind, array, block), int(nodes[at[0]] - at[0]) - start
-        return None if place.uniform or shift < 0 else place + shift
+        ref, shift = self.array_ref(kind, array, block), int(nodes[at[0]] - at[0]) - start
+        return None if ref.uniform or shift < 0 else ref + shift
 
     def store_nodes(self, target: ArrayRef, nodes: Nodes, at: np.ndarray) -> None:
         """Store nodes in an array; rows of other arrays, repeated nodes and constants are copied by loops.

@@ -124,14 +124,14 @@ def evaluate_with_jax(*args: Any, jaxpr: Any, threads: int = 1) -> list[Any]:  #
     return f(*args)
 
 
-def _mapped(f: Callable[..., Any], own: Sequence[bool]) -> Callable[..., Any]:
+def _mapped(f: Callable[..., Any], mapped: Sequence[bool]) -> Callable[..., Any]:
     """Map `f` over the first axis of the arguments that own it; the others have length one there."""
 
     def g(*args: Any) -> Any:
-        if not any(own):
+        if not any(mapped):
             return [x[None] for x in f(*(a[0] for a in args))]
-        return jax.vmap(f, in_axes=[0 if o else None for o in own])(
-            *(a if o else a[0] for a, o in zip(args, own, strict=True))
+        return jax.vmap(f, in_axes=[0 if o else None for o in mapped])(
+            *(a if o else a[0] for a, o in zip(args, mapped, strict=True))
         )
 
     return g

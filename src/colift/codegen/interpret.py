@@ -152,12 +152,12 @@ def check_integer(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     return g.map(out.aval.dtype.name, a)
 
 
-def select_case(g: Graph, which: Nodes, cases: Sequence[Nodes]) -> Nodes:
-    """Select `cases[which]` elementwise; an index out of range is clipped.
+def select_case(g: Graph, index: Nodes, cases: Sequence[Nodes]) -> Nodes:
+    """Select `cases[index]` elementwise; an index out of range is clipped.
 
     Args:
         g: Graph.
-        which: Nodes of the index.
+        index: Nodes of the index.
         cases: Nodes of each case.
 
     Returns:
@@ -165,5 +165,5 @@ def select_case(g: Graph, which: Nodes, cases: Sequence[Nodes]) -> Nodes:
     """
     out = cases[-1]
     for k in reversed(range(len(cases) - 1)):
-        out = g.map("select", g.map("le", which, g.constants(np.array(float(k)))), cases[k], out)
+        out = g.map("select", g.map("le", index, g.constants(np.array(float(k)))), cases[k], out)
     return out

@@ -169,8 +169,8 @@ def jacobi(g: Graph, A: Nodes) -> list[Nodes]:
     out = g.block(While, [A, V, zero], [n * n, n * n, 1], test=test, function=sweep, tests=0, consts=0)
     A, V = (x.reshape(n, n) for x in out[:2])
     total = _squares(g, A)
-    sound = g.map("eq", total, total)
-    w = [g.map("select", sound, A[i, i], _const(g, np.nan)) for i in range(n)]
+    has_no_nan = g.map("eq", total, total)
+    w = [g.map("select", has_no_nan, A[i, i], _const(g, np.nan)) for i in range(n)]
     for last in range(n - 1, 0, -1):
         for i in range(last):
             swap = g.map("lt", w[i + 1], w[i])

@@ -43,12 +43,12 @@ def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
     pending: list[Value] = []
 
     def add(e: Equation, form: AxisForm) -> None:
-        mine = [*zip(e.invars, form.operands, strict=True), *zip(e.outvars, form.results, strict=bool(form.results))]
-        mine = [(v, a) for v, a in mine if a is not None and v.aval.shape[a] == form.length and v.number is None]
-        if e in found or any(axes.get(v, a) != a for v, a in mine):
+        mapped = [*zip(e.invars, form.operands, strict=True), *zip(e.outvars, form.results, strict=bool(form.results))]
+        mapped = [(v, a) for v, a in mapped if a is not None and v.aval.shape[a] == form.length and v.number is None]
+        if e in found or any(axes.get(v, a) != a for v, a in mapped):
             return
         found[e] = form
-        for v, a in mine:
+        for v, a in mapped:
             if v not in axes:
                 axes[v] = a
                 pending.append(v)
@@ -152,13 +152,13 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
             return v
         if (v, axis) not in inner:
             only = axis is not None and v.aval.shape[axis] != length  # lax broadcasts axes of length one
-            mine = Value(v.aval) if axis is None or only else less(v, axis)
-            inputs.append((v, mine, None if only else axis))
+            inner_value = Value(v.aval) if axis is None or only else less(v, axis)
+            inputs.append((v, inner_value, None if only else axis))
             if only:
                 one = less(v, axis)
-                body.append(Equation("squeeze", {"dimensions": (axis,)}, [mine], [one]))
-                mine = one
-            inner[v, axis] = mine
+                body.append(Equation("squeeze", {"dimensions": (axis,)}, [inner_value], [one]))
+                inner_value = one
+            inner[v, axis] = inner_value
         return inner[v, axis]
 
     made: dict[Value, tuple[Value, int | str]] = {}  # value inside, and its axis or reduction
@@ -173,10 +173,10 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
                 Value(v.aval) if isinstance(a, str) else less(v, a) for v, a in zip(e.outvars, merges, strict=True)
             ]
             body.append(replace(e, params=form.params, invars=operands, outvars=results))
-        for v, mine, merge in zip(e.outvars, results, merges, strict=True):
-            made[v] = mine, merge
+        for v, inner_value, merge in zip(e.outvars, results, merges, strict=True):
+            made[v] = inner_value, merge
             if not isinstance(merge, str):
-                inner[v, merge] = mine
+                inner[v, merge] = inner_value
     outputs = [v for e, _ in group for v in e.outvars if v in used]
     params = {
         "length": length,

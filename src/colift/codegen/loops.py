@@ -21,21 +21,21 @@ MAX_INLINE_STATEMENTS = 400  # a loop or branch with at most this many unrolled 
 
 
 @rule("cond")
-def _cond(g: Graph, eqn: Equation, which: Nodes, *x: Nodes) -> list[Nodes]:
+def _cond(g: Graph, eqn: Equation, index: Nodes, *x: Nodes) -> list[Nodes]:
     branches = eqn.params["branches"]
-    known = g.constant_values(which)
+    known = g.constant_values(index)
     if known is not None:
         return interpret(g, branches[int(np.clip(known, 0, len(branches) - 1))], x)
     if sum(statement_count(branch.equations) for branch in branches) <= MAX_INLINE_STATEMENTS:
         cases = [interpret(g, branch, x) for branch in branches]
-        return [select_case(g, which, case) for case in zip(*cases, strict=True)]
+        return [select_case(g, index, case) for case in zip(*cases, strict=True)]
     avals = [v.aval for v in eqn.invars[1:]]
     functions = tuple(
         build_function(g, avals, lambda inner, nodes, branch=branch: interpret(inner, branch, nodes), x)
         for branch in branches
     )
     sizes = [out.size for out in functions[0].outputs]
-    return _restore_types(g, g.block(Branch, [which, *x], sizes, branches=functions), eqn.outvars)
+    return _restore_types(g, g.block(Branch, [index, *x], sizes, branches=functions), eqn.outvars)
 
 
 def build_function(
@@ -55,14 +55,14 @@ def build_function(
     inner = Graph()
     nodes = []
     for k, (aval, outer) in enumerate(zip(avals, shared, strict=True)):
-        mine = inner.array(math.prod(aval.shape), "in", k)
+        argument = inner.array(math.prod(aval.shape), "in", k)
         if aval.dtype == bool:
-            mine = inner.map("flag", mine)
+            argument = inner.map("flag", argument)
         if outer is not None:
-            outer, mine = outer.ravel(), np.array(mine)
+            outer, argument = outer.ravel(), np.array(argument)
             known = np.flatnonzero(g.constant_mask(outer))
-            mine[known] = [inner.make(*g.code[n]) for n in outer[known].tolist()]
-        nodes.append(mine.astype(np.int64).reshape(aval.shape))
+            argument[known] = [inner.make(*g.code[n]) for n in outer[known].tolist()]
+        nodes.append(argument.astype(np.int64).reshape(aval.shape))
     outputs = [inner.as_numbers(x) for x in body(inner, nodes)]
     return Function(inputs=tuple(math.prod(a.shape) for a in avals), graph=inner, outputs=outputs)
 
@@ -116,9 +116,9 @@ def _loop(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     out = g.block(Map, along, sizes, function=body, length=length, mapped=mapped, reductions=reductions)
     rows = {k: a.reshape(length, -1) for k, (a, m) in enumerate(zip(along, mapped, strict=True)) if m}
     stacks = [k for k, reduction in enumerate(reductions) if not reduction]
-    some = Function(inputs=(), graph=body.graph, outputs=[body.outputs[k] for k in stacks])
+    stacked = Function(inputs=(), graph=body.graph, outputs=[body.outputs[k] for k in stacks])
     for k, result in zip(
-        stacks, _loop_outputs(g, some, rows, [out[k].reshape(length, -1) for k in stacks]), strict=True
+        stacks, _loop_outputs(g, stacked, rows, [out[k].reshape(length, -1) for k in stacks]), strict=True
     ):
         shape = eqn.outvars[k].aval.shape
         merge = merges[k]
@@ -154,12 +154,12 @@ def _scan(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     step, more, constants = _hoist_invariants(g, body, shared)
     known = [*constants, *shared, *[None] * carry, *map(_row_invariant, stacked)]
     avals = [*(v.aval for v in more), *body.inputs]
-    once = build_function(g, avals, step, known)
-    sizes = [out.size * (1 if k < carry else length) for k, out in enumerate(once.outputs)]
+    step_function = build_function(g, avals, step, known)
+    sizes = [out.size * (1 if k < carry else length) for k, out in enumerate(step_function.outputs)]
     options = {"length": length, "consts": consts + len(more), "carry": carry, "reverse": p["reverse"]}
-    out = g.block(Scan, [*constants, *x], sizes, function=once, **options)
+    out = g.block(Scan, [*constants, *x], sizes, function=step_function, **options)
     tails = [o.reshape(length, -1) for o in out[carry:]]
-    ys = Function(inputs=(), graph=once.graph, outputs=once.outputs[carry:])
+    ys = Function(inputs=(), graph=step_function.graph, outputs=step_function.outputs[carry:])
     return _restore_types(g, [*out[:carry], *_loop_outputs(g, ys, {}, tails)], eqn.outvars)
 
 
@@ -180,9 +180,9 @@ def _while(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
         [*tested, *[None] * len(state)],
     )
     avals = [*(v.aval for v in more), *body.inputs]
-    once = build_function(g, avals, step, [*constants, *shared, *[None] * len(state)])
+    step_function = build_function(g, avals, step, [*constants, *shared, *[None] * len(state)])
     sizes = [a.size for a in state]
-    options = {"test": condition, "function": once, "tests": tests, "consts": consts + len(more)}
+    options = {"test": condition, "function": step_function, "tests": tests, "consts": consts + len(more)}
     out = g.block(While, [*tested, *constants, *shared, *state], sizes, **options)
     return _restore_types(g, out, eqn.outvars)
 

@@ -52,9 +52,9 @@ def assemble(lines: Sequence[Line], parameters: dict[str, str], lanes: int, fram
         body = []
         for k, part in enumerate(parts):
             used = set(PARAMETER_PATTERN.findall("\n".join(part)))
-            mine = [p for p in inner if p in used]
-            texts.append(_function(f"@name_{k}", [inner[p] for p in mine], part))
-            body.append(f"@name_{k}({', '.join(mine)});")
+            own_parameters = [p for p in inner if p in used]
+            texts.append(_function(f"@name_{k}", [inner[p] for p in own_parameters], part))
+            body.append(f"@name_{k}({', '.join(own_parameters)});")
     if frame_size and frame_size * 8 * lanes <= stack_bytes:
         body = [f"V_{lanes} m[{frame_size}];", *body]
     elif frame_size:
@@ -80,17 +80,22 @@ def split_into_pieces(functions: Sequence[str]) -> str:
     Returns:
         C text with a guard `IN(piece)` around each piece.
     """
-    single = [text for many in functions for text in re.split(r"^(?=OWN )", many, flags=re.MULTILINE) if text]
+    single = [
+        text
+        for text_of_function in functions
+        for text in re.split(r"^(?=OWN )", text_of_function, flags=re.MULTILINE)
+        if text
+    ]
     heads = [text.split(" {\n", 1)[0] + ";" for text in single]
     whole, parts = ([text for text in single if (PART_PATTERN.match(text) is not None) == cut] for cut in (False, True))
     if sum(text.count("\n") for text in single) <= MAX_PIECE_LINES:
-        found, apart = [single], 1
+        found, num_pieces = [single], 1
     else:
         found = _fill_pieces(whole)
-        apart = len(found)
+        num_pieces = len(found)
         found += _fill_pieces(parts)
     guarded = [f"#if IN({k})\n{''.join(piece)}#endif\n" for k, piece in enumerate(found)]
-    return "\n".join([f"#define PIECES {len(found)}\n#define WHOLE {apart}", *heads, *guarded])
+    return "\n".join([f"#define PIECES {len(found)}\n#define WHOLE {num_pieces}", *heads, *guarded])
 
 
 def _fill_pieces(texts: Sequence[str]) -> list[list[str]]:

@@ -37,7 +37,7 @@ class BoundAssumption(enum.Enum):
     RKHS_NORM = "the function minus `constant_mean` lies in the RKHS of the kernel in use, with norm at most B"
     BOUNDED_NOISE_ENERGY = "the mean square of the noise in the data is at most eps^2"
     BOUNDED_NOISE = "every sample of the noise is at most eps in magnitude"
-    WITHIN_MODEL = "every sample of the noise is at most the square root of `noise_variance` in magnitude"
+    NOISE_WITHIN_STD = "every sample of the noise is at most the square root of `noise_variance` in magnitude"
     ZERO_MEAN = "the noise has zero mean given all previous data"
     SUB_GAUSSIAN = "the noise is R-sub-Gaussian given all previous data, hence of zero mean"
     INDEPENDENT = "the samples of the noise are independent of each other"
@@ -64,7 +64,7 @@ REQUIRED_ASSUMPTIONS = {
     "srinivas": frozenset(
         {
             BoundAssumption.RKHS_NORM,
-            BoundAssumption.WITHIN_MODEL,
+            BoundAssumption.NOISE_WITHIN_STD,
             BoundAssumption.ZERO_MEAN,
             BoundAssumption.PREDICTABLE_INPUTS,
             BoundAssumption.FIXED_HYPERPARAMETERS,
@@ -88,7 +88,7 @@ REQUIRED_ASSUMPTIONS = {
 """Assumptions of each bound by its name; `recover` is the bound of `colift.gp.optimal_recovery`."""
 
 _IMPLIED = (
-    ({BoundAssumption.WITHIN_MODEL}, BoundAssumption.BOUNDED_NOISE),
+    ({BoundAssumption.NOISE_WITHIN_STD}, BoundAssumption.BOUNDED_NOISE),
     ({BoundAssumption.BOUNDED_NOISE}, BoundAssumption.BOUNDED_NOISE_ENERGY),
     (
         {BoundAssumption.BOUNDED_NOISE, BoundAssumption.ZERO_MEAN},

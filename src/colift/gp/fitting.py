@@ -196,9 +196,9 @@ def validate_data(X: ArrayLike, Y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     if X.ndim != 2 or Y.ndim != 2 or len(X) != len(Y):
         raise ValueError(f"X {X.shape} and Y {Y.shape}: must be (N, dimensions) and (N, outputs) with one N")
     for name, A in (("X", X), ("Y", Y)):
-        bad = ~(np.abs(A) <= MAX_MAGNITUDE)
-        if bad.any():
-            row, column = np.argwhere(bad)[0]
+        invalid = ~(np.abs(A) <= MAX_MAGNITUDE)
+        if invalid.any():
+            row, column = np.argwhere(invalid)[0]
             raise ValueError(
                 f"{name}[{row}, {column}] = {A[row, column]}: must be finite, at most {MAX_MAGNITUDE:g} in magnitude"
             )
@@ -329,7 +329,11 @@ def _log_prior(problem: _Standardized, group: list[int], hyperprior: HyperPrior 
 
 
 def _first_start(Z: np.ndarray, log_prior: _LogPrior) -> np.ndarray:
-    """Return the prior's median; without one, unit signal, noise 0.1 and typical points correlated by 1/e."""
+    """Return the start of the first search: the prior's median, or default values if no prior is given.
+
+    The default is unit signal variance, noise variance 0.1, and lengthscales such that points at
+    a typical distance have correlation 1/e.
+    """
     if np.isfinite(log_prior.deviation).all():
         return log_prior.center
     varying = max(np.count_nonzero(Z.any(0)), 1)

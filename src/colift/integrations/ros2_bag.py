@@ -126,10 +126,10 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[BagTopic]:
         transforms.append((WORLD, frame_id, base[:, j], attitude[:, j]))
         yield _pose(f"/{frame_id}/pose", base[:, j], attitude[:, j])
         yield _wrench(f"/{frame_id}/wrench", frame_id, thrust, ds.tau.values[:, j])
-        own = [k for k, joint in enumerate(joint_names) if joint.startswith(f"{name}/")]
-        if own:
-            joints = [joint_names[k].partition("/")[2] for k in own]
-            yield _joints(f"/{frame_id}/joint_states", joints, *(x.values[:, own] for x in joint_signals))
+        joint_indices = [k for k, joint in enumerate(joint_names) if joint.startswith(f"{name}/")]
+        if joint_indices:
+            joints = [joint_names[k].partition("/")[2] for k in joint_indices]
+            yield _joints(f"/{frame_id}/joint_states", joints, *(x.values[:, joint_indices] for x in joint_signals))
     positions = np.concatenate([np.asarray(group.contact_position).reshape(-1, 3) for group in team.agent_groups])
     identity = np.tile([1.0, 0.0, 0.0, 0.0], (len(R_L), 1))
     for b, name in enumerate(contacts):

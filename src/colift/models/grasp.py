@@ -392,8 +392,8 @@ def iter_agents(
     name = iter(agent_names(team, names))
     for group, state in zip(team.agent_groups, team_state.agents, strict=True):
         for j in range(state.r.shape[0]):
-            own, q = jax.tree.map(lambda leaf, j=j: np.asarray(leaf)[j], (group, state))
-            yield next(name), own, q.r, q.R
+            agent, q = jax.tree.map(lambda leaf, j=j: np.asarray(leaf)[j], (group, state))
+            yield next(name), agent, q.r, q.R
 
 
 def _describe_missing_joints(arms: int, joints: int) -> str:

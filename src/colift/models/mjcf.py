@@ -63,7 +63,7 @@ def stiffest_contact(timestep: float) -> ContactSoftness:
     return ContactSoftness(time_constant=2 * timestep)
 
 
-RIGID = stiffest_contact(TIMESTEP)
+RIGID_CONTACT = stiffest_contact(TIMESTEP)
 
 
 class _Part(NamedTuple):
@@ -98,7 +98,7 @@ def to_mjcf(
     joints: Sequence[str] = (),
     contacts: Sequence[str] = (),
     timestep: float = TIMESTEP,
-    softness: ContactSoftness = RIGID,
+    softness: ContactSoftness = RIGID_CONTACT,
 ) -> str:
     """Write a team as an MJCF document; the state is the keyframe `start`.
 
@@ -204,8 +204,8 @@ def _fill(body: Element, part: _Part, i: int) -> None:
     for b in tips:
         SubElement(body, "site", name=part.contacts[b], pos=_text(agent.tip_position[b]))
     for k in carried:
-        at, turned = _text(agent.joint_position[k]), _quaternion(agent.joint_rotation[k])
-        child = SubElement(body, "body", name=part.joints[k], pos=at, quat=turned)
+        at, quaternion = _text(agent.joint_position[k]), _quaternion(agent.joint_rotation[k])
+        child = SubElement(body, "body", name=part.joints[k], pos=at, quat=quaternion)
         kind = "slide" if tree.prismatic[k] else "hinge"
         SubElement(child, "joint", name=part.joints[k], type=kind, axis=_text(agent.joint_axis[k]))
         _fill(child, part, k + 1)

@@ -173,23 +173,23 @@ def parse_urdf(
     frozen = _frozen_positions(all_joints, mimic, nominal_positions)
     body_links: list[list[tuple[_Element, Placement]]] = [[]]  # links of each body
     joints: list[Joint] = []
-    places: dict[str, Placement] = {}
+    placements: dict[str, Placement] = {}
     base = Placement(body=0, rotation=np.eye(3), position=np.zeros(3))
     pending: list[tuple[str, _Element | None, Placement]] = [(root, None, base)]
     while pending:
-        name, joint, place = pending.pop()
+        name, joint, placement = pending.pop()
         if joint is not None:
-            place = _joint_frame(joint, place)
+            placement = _joint_frame(joint, placement)
             if joint.attributes["name"] in frozen:
-                place = _displaced(_joint(joint, place), place, frozen[joint.attributes["name"]])
+                placement = _displaced(_joint(joint, placement), placement, frozen[joint.attributes["name"]])
             elif joint.attributes["type"] != "fixed":
-                joints.append(_joint(joint, place))
-                place = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
+                joints.append(_joint(joint, placement))
+                placement = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
                 body_links.append([])
-        places[name] = place
-        body_links[place.body].append((links[name], place))
-        pending += [(child, element, place) for child, element in reversed(below[name])]
-    return Robot(file=file, bodies=tuple(_body(parts) for parts in body_links), joints=tuple(joints), links=places)
+        placements[name] = placement
+        body_links[placement.body].append((links[name], placement))
+        pending += [(child, element, placement) for child, element in reversed(below[name])]
+    return Robot(file=file, bodies=tuple(_body(parts) for parts in body_links), joints=tuple(joints), links=placements)
 
 
 def make_agent(
@@ -331,7 +331,7 @@ class _Element:
 
     tag: str
     attributes: dict[str, str]
-    place: str  # file:line
+    location: str  # file:line
     children: list[_Element]
 
     def one(self, tag: str) -> _Element | None:
@@ -352,7 +352,7 @@ class _Doctype(ValueError):
 
 def _fail(element: _Element, message: str) -> NoReturn:
     """Raise `ValueError` with the location of an element."""
-    raise ValueError(f"{element.place}: {message}")
+    raise ValueError(f"{element.location}: {message}")
 
 
 def _xml(text: str | bytes, file: str) -> _Element:
@@ -417,7 +417,7 @@ def _elements_by_name(robot: _Element, tag: str) -> dict[str, _Element]:
         if element.tag == tag:
             name = _attribute(element, "name", robot)
             if name in found:
-                _fail(element, f"{element} occurs twice, first at {found[name].place}")
+                _fail(element, f"{element} occurs twice, first at {found[name].location}")
             found[name] = element
     return found
 
@@ -431,7 +431,7 @@ def _tree(
     for joint in joints.values():
         parent, child = _link_of(joint, "parent", links), _link_of(joint, "child", links)
         if child in holder:
-            _fail(joint, f"{joint}: link {child!r} is already the child of {holder[child]} at {holder[child].place}")
+            _fail(joint, f"{joint}: link {child!r} is already the child of {holder[child]} at {holder[child].location}")
         _check_type(joint)
         holder[child] = joint
         below[parent].append((child, joint))
@@ -581,21 +581,22 @@ def _entry(inertial: _Element, tag: str, name: str, link: _Element) -> float:
 def _body(parts: list[tuple[_Element, Placement]]) -> Body:
     """Merge links to a body: `m = sum m_i`, center of mass, `J = sum J_i + m_i (d^2 I - d d^T)` about it."""
     first, _ = parts[0]
-    own = [(link, _inertial(link), place) for link, place in parts]
-    some = [(body, place) for _, body, place in own if body is not None]
-    if not some:
+    inertials = [(link, _inertial(link), placement) for link, placement in parts]
+    with_mass = [(body, placement) for _, body, placement in inertials if body is not None]
+    if not with_mass:
         names = ", ".join(link.attributes["name"] for link, _ in parts[1:])
         also = f", nor do the links fixed to it: {names}" if names else ""
         _fail(first, f"{first} has no <inertial>{also}; every body requires mass and inertia")
-    names = ", ".join(link.attributes["name"] for link, body, _ in own[1:] if body is not None)
-    whole = f"{first.place}: {first}" + (f" with the links fixed to it ({names})" if names else "")
-    m = np.array([body.mass for body, _ in some])
+    names = ", ".join(link.attributes["name"] for link, body, _ in inertials[1:] if body is not None)
+    whole = f"{first.location}: {first}" + (f" with the links fixed to it ({names})" if names else "")
+    m = np.array([body.mass for body, _ in with_mass])
     validation.validate_mass(whole, m.sum())
-    s = np.array([place.position + place.rotation @ body.com for body, place in some])
+    s = np.array([placement.position + placement.rotation @ body.com for body, placement in with_mass])
     com = m @ s / m.sum()
     J = sum(
-        _symmetric(place.rotation @ body.inertia @ place.rotation.T) + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
-        for (body, place), d in zip(some, s - com, strict=True)
+        _symmetric(placement.rotation @ body.inertia @ placement.rotation.T)
+        + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        for (body, placement), d in zip(with_mass, s - com, strict=True)
     )
     validation.validate_inertia(whole, float(m.sum()), J)
     return Body(mass=float(m.sum()), com=com, inertia=J)

@@ -4,7 +4,7 @@ fields            number types with their ranges
 schema            sections of a scenario file
 cross_checks      consistency between sections
 plugins           user-defined parts, named as `module:Name`
-errors            messages with their place in the data
+errors            messages with their location in the data
 validation        pydantic errors as messages
 yaml_tree         YAML text as plain data with line numbers
 loading           file to settings, or to all errors with their lines

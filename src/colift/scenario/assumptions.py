@@ -86,13 +86,13 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
     given, learning = settings.certificate, settings.learning
     rig, fixed = learning.rig_label_error is not None, learning.hyperparameters == "fixed"
     drawn = settings.random_residual is not None and settings.random_residual.rkhs_norm <= given.rkhs_norm
-    alone = not settings.disturbances and settings.nominal == schema.NominalModel()
+    is_nominal = not settings.disturbances and settings.nominal == schema.NominalModel()
     holds = {
         BoundAssumption.RKHS_NORM: drawn
         and fixed
-        and alone,  # the only residuals are functions of that norm for that kernel
+        and is_nominal,  # the only residuals are functions of that norm for that kernel
         BoundAssumption.BOUNDED_NOISE: within,
-        BoundAssumption.WITHIN_MODEL: within,  # the noise bound v is computed from eps
+        BoundAssumption.NOISE_WITHIN_STD: within,  # the noise bound v is computed from eps
         BoundAssumption.ZERO_MEAN: rig,
         BoundAssumption.INDEPENDENT: rig,
         BoundAssumption.PREDICTABLE_INPUTS: rig,

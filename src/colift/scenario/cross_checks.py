@@ -11,18 +11,18 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from colift.scenario.errors import ErrorMessage, Place, format_value, unknown_name_message
+from colift.scenario.errors import ErrorMessage, Location, format_value, unknown_name_message
 
 MAX_ENTRIES = 100  # entries of a list such as agents, joints, sources; compilation takes minutes for fewer entries
 LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run stores its log three times at its end
 MAX_WAVELENGTH = 1e4  # m
 MIN_WAYPOINT_INTERVAL = 0.01  # s between two poses
 
-AGENTS_ONLY = ("rotor_bias", "joint_friction")
+AGENT_ONLY_KINDS = ("rotor_bias", "joint_friction")
 
 
 def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
-    """Return all inconsistencies between the sections of a scenario, as `(place, message)`."""
+    """Return all inconsistencies between the sections of a scenario, as `(location, message)`."""
     return [
         *_agent_types(data),
         *_agents(data),
@@ -41,9 +41,9 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
     ]
 
 
-def _part(data: Any, *place: int | str) -> Any:
-    """Return the value at a place, or None."""
-    for key in place:
+def _part(data: Any, *location: int | str) -> Any:
+    """Return the value at a location, or None."""
+    for key in location:
         try:
             data = data[key]
         except (KeyError, IndexError, TypeError):
@@ -51,14 +51,14 @@ def _part(data: Any, *place: int | str) -> Any:
     return data
 
 
-def _items(data: Any, *place: int | str) -> list[Any]:
+def _items(data: Any, *location: int | str) -> list[Any]:
     """Return the entries of a list; empty if the list is too long."""
-    found = _part(data, *place)
+    found = _part(data, *location)
     return list(found) if isinstance(found, list | tuple) and len(found) <= MAX_ENTRIES else []
 
 
-def _named(data: Any, *place: int | str) -> dict[str, Any]:
-    found = _part(data, *place)
+def _named(data: Any, *location: int | str) -> dict[str, Any]:
+    found = _part(data, *location)
     return found if isinstance(found, dict) and len(found) <= MAX_ENTRIES else {}
 
 
@@ -66,12 +66,12 @@ def _names(items: list[Any]) -> list[str]:
     return [name for item in items if isinstance(name := _part(item, "name"), str)]
 
 
-def _repeated(items: list[Any], place: Place) -> Iterator[ErrorMessage]:
+def _repeated(items: list[Any], location: Location) -> Iterator[ErrorMessage]:
     known_names: set[Any] = set()
     for i, item in enumerate(items):
         name = _part(item, "name")
         if isinstance(name, str) and name in known_names:
-            yield (*place, i, "name"), f"{format_value(name)} is used twice"
+            yield (*location, i, "name"), f"{format_value(name)} is used twice"
         elif isinstance(name, str):
             known_names.add(name)
 
@@ -94,24 +94,24 @@ def contacts(data: dict[str, Any]) -> list[str]:
 
 def _agent_types(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     for key, kind in _named(data, "agent_types").items():
-        place: Place = ("agent_types", key)
+        location: Location = ("agent_types", key)
         joints, arms = _items(kind, "joints"), _items(kind, "arms")
-        yield from _repeated(joints, (*place, "joints"))
-        yield from _repeated(arms, (*place, "arms"))
+        yield from _repeated(joints, (*location, "joints"))
+        yield from _repeated(arms, (*location, "arms"))
         for i, joint in enumerate(joints):
             parent, above = _part(joint, "parent"), ["base", *_names(joints[:i])]
             if _part(joint, "name") == "base":
-                yield (*place, "joints", i, "name"), "'base' names the vehicle itself"
+                yield (*location, "joints", i, "name"), "'base' names the vehicle itself"
             if isinstance(parent, str) and parent not in above:
                 yield (
-                    (*place, "joints", i, "parent"),
+                    (*location, "joints", i, "parent"),
                     unknown_name_message(parent, above, "a body listed above this joint"),
                 )
         for i, arm in enumerate(arms):
             body = _part(arm, "joint")
             if isinstance(body, str) and body not in bodies(kind):
                 yield (
-                    (*place, "arms", i, "joint"),
+                    (*location, "arms", i, "joint"),
                     unknown_name_message(body, bodies(kind), "a body of this agent type"),
                 )
 
@@ -152,25 +152,25 @@ def _disturbances(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     sources, agents = _items(data, "disturbances"), _items(data, "agents")
     yield from _repeated(sources, ("disturbances",))
     for i, source in enumerate(sources):
-        place: Place = ("disturbances", i)
+        location: Location = ("disturbances", i)
         on, body, kind = _part(source, "acts_on"), _part(source, "body"), _part(source, "kind")
         if not isinstance(on, str):
             continue
         known = ["payload", "agents", *_names(agents)]
         if on not in known:
-            yield (*place, "acts_on"), unknown_name_message(on, known, "the payload, all agents or one of them")
-        elif on == "payload" and kind in AGENTS_ONLY:
-            yield (*place, "acts_on"), f"{kind} acts on agents, not on the payload"
+            yield (*location, "acts_on"), unknown_name_message(on, known, "the payload, all agents or one of them")
+        elif on == "payload" and kind in AGENT_ONLY_KINDS:
+            yield (*location, "acts_on"), f"{kind} acts on agents, not on the payload"
         elif on == "payload":
             if body not in (None, "base"):
-                yield (*place, "body"), "must be omitted: the payload is one body"
+                yield (*location, "body"), "must be omitted: the payload is one body"
         elif isinstance(body, str):
             for agent in agents:
-                here = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
-                if on in ("agents", _part(agent, "name")) and body not in here:
+                body_names = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
+                if on in ("agents", _part(agent, "name")) and body not in body_names:
                     yield (
-                        (*place, "body"),
-                        unknown_name_message(body, here, f"a body of agent {format_value(_part(agent, 'name'))}"),
+                        (*location, "body"),
+                        unknown_name_message(body, body_names, f"a body of agent {format_value(_part(agent, 'name'))}"),
                     )
     yield from _frictions(sources, _names(agents))
 
@@ -195,11 +195,11 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     known = contacts(data)
     leaders = _items(data, "allocation", "leader_contacts")
     for i, contact in enumerate(leaders):
-        place: Place = ("allocation", "leader_contacts", i)
+        location: Location = ("allocation", "leader_contacts", i)
         if isinstance(contact, str) and contact not in known:
-            yield place, unknown_name_message(contact, known, "a contact")
+            yield location, unknown_name_message(contact, known, "a contact")
         elif contact in leaders[:i]:
-            yield place, f"{format_value(contact)} is named twice"
+            yield location, f"{format_value(contact)} is named twice"
     for i, pair in enumerate(_items(data, "allocation", "internal", "squeeze_pairs")):
         ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
         for k, contact in enumerate(ends):
@@ -247,10 +247,10 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     sample = _number(data, "learning", "sample_Hz")
     if sample > control:
         yield ("learning", "sample_Hz"), f"must not exceed control_Hz = {control:g}, got {sample:g}"
-    for place in (("learning", "label_filter_Hz"), ("control", "joint_filter_Hz")):
-        corner = _number(data, *place)
+    for location in (("learning", "label_filter_Hz"), ("control", "joint_filter_Hz")):
+        corner = _number(data, *location)
         if corner > control / 2:
-            yield place, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
+            yield location, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
     duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_time_s")
     if _named(data, "random_residual") and _part(data, "reference", "kind") == "plugin":
         yield ("random_residual",), "must be omitted: its centers lie along a built-in reference"
@@ -262,11 +262,11 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _ramps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    begin, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
-    if 2 * _number(data, "allocation", "internal", "ramp_time_s") > over - begin:
+    start, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
+    if 2 * _number(data, "allocation", "internal", "ramp_time_s") > over - start:
         yield (
             ("allocation", "internal", "ramp_time_s"),
-            f"two ramps must fit between start_s and end_s, {over - begin:g} s",
+            f"two ramps must fit between start_s and end_s, {over - start:g} s",
         )
 
 
@@ -277,25 +277,28 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         for k in range(len(_items(source, "gusts"))):
             wave = [_number(source, "gusts", k, "wave_vector_radpm", axis) for axis in range(3)]
             k_abs = math.hypot(*wave)  # NaN where it is no vector
-            place: Place = ("disturbances", i, "gusts", k, "wave_vector_radpm")
+            location: Location = ("disturbances", i, "gusts", k, "wave_vector_radpm")
             if k_abs * MAX_WAVELENGTH < 2 * math.pi:
                 yield (
-                    place,
+                    location,
                     f"has a wavelength above {MAX_WAVELENGTH / 1e3:g} km, which is a mean wind: use mean_wind_mps",
                 )
             elif _part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
                 length = f"{2 * math.pi / k_abs:.3g} m"
-                yield place, f"has a wavelength of {length}, less than the {size:.3g} m between the payload's contacts"
+                yield (
+                    location,
+                    f"has a wavelength of {length}, less than the {size:.3g} m between the payload's contacts",
+                )
 
 
 def _size(data: dict[str, Any]) -> float:
     """Compute the largest distance between two contacts [m]; 0 without contacts."""
-    places = [
+    locations = [
         ("agents", i, "contact_positions_m", k)
         for i, agent in enumerate(_items(data, "agents"))
         for k in range(len(_items(agent, "contact_positions_m")))
     ]
-    held = [[_number(data, *place, axis) for axis in range(3)] for place in places[:MAX_ENTRIES]]
+    held = [[_number(data, *location, axis) for axis in range(3)] for location in locations[:MAX_ENTRIES]]
     return max((math.dist(a, b) for a, b in itertools.combinations(held, 2) if math.isfinite(sum(a + b))), default=0.0)
 
 
@@ -329,9 +332,9 @@ def _joints(data: dict[str, Any]) -> int:
     return sum(len(_items(kinds, str(_part(agent, "type")), "joints")) for agent in _items(data, "agents"))
 
 
-def _number(data: Any, *place: int | str) -> float:
-    """Return the number at a place; NaN, for which every comparison is false, if there is no usable number."""
-    found = _part(data, *place)
+def _number(data: Any, *location: int | str) -> float:
+    """Return the number at a location; NaN, for which every comparison is false, if there is no usable number."""
+    found = _part(data, *location)
     fits = isinstance(found, int | float) and not isinstance(found, bool) and abs(found) <= 1e100
     return float(found) if fits else math.nan
 
@@ -339,11 +342,11 @@ def _number(data: Any, *place: int | str) -> float:
 def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that the times of poses ascend with the smallest interval."""
     times = [_number(data, "reference", "poses", i, "time_s") for i in range(len(_items(data, "reference", "poses")))]
-    for i, (before, context) in enumerate(itertools.pairwise(times), start=1):
-        if context < before + MIN_WAYPOINT_INTERVAL:
+    for i, (previous, current) in enumerate(itertools.pairwise(times), start=1):
+        if current < previous + MIN_WAYPOINT_INTERVAL:
             yield (
                 ("reference", "poses", i, "time_s"),
-                f"must be {MIN_WAYPOINT_INTERVAL:g} s or more after the pose before, {before:g}, got {context:g}",
+                f"must be {MIN_WAYPOINT_INTERVAL:g} s or more after the pose before, {previous:g}, got {current:g}",
             )
 
 
@@ -351,16 +354,16 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that delays are multiples of the control period, and that sensor rates do not exceed the control rate."""
     rate = _number(data, "control_Hz")
     readings = [("sensors", "models", i) for i in range(len(_items(data, "sensors", "models")))]
-    for place in (("actuators",), ("nominal", "actuators"), *readings):
-        delay, taken = _number(data, *place, "delay_s"), _number(data, *place, "rate_Hz")
+    for location in (("actuators",), ("nominal", "actuators"), *readings):
+        delay, sample_rate = _number(data, *location, "delay_s"), _number(data, *location, "rate_Hz")
         ticks = delay * rate
         if ticks > MAX_ENTRIES:
-            yield (*place, "delay_s"), f"must be at most {MAX_ENTRIES} ticks of {1 / rate:g} s, got {delay:g}"
+            yield (*location, "delay_s"), f"must be at most {MAX_ENTRIES} ticks of {1 / rate:g} s, got {delay:g}"
         elif abs(ticks - round(ticks if math.isfinite(ticks) else 0)) > 1e-6:
             near = [f"{k / rate:g}" for k in (math.floor(ticks), math.ceil(ticks))]
-            yield (*place, "delay_s"), f"must be whole ticks of {1 / rate:g} s: {' or '.join(near)}, got {delay:g}"
-        if taken > rate:
-            yield (*place, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {taken:g}"
+            yield (*location, "delay_s"), f"must be whole ticks of {1 / rate:g} s: {' or '.join(near)}, got {delay:g}"
+        if sample_rate > rate:
+            yield (*location, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {sample_rate:g}"
 
 
 def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:

@@ -1,4 +1,4 @@
-"""Errors of scenarios: place in the data and message."""
+"""Errors of scenarios: location in the data and message."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import math
 from collections.abc import Iterable
 from typing import Any
 
-Place = tuple[int | str, ...]
-ErrorMessage = tuple[Place, str]
+Location = tuple[int | str, ...]
+ErrorMessage = tuple[Location, str]
 
 MAX_VALUE_LENGTH = 60  # characters of a value that a message repeats
 MAX_LISTED_NAMES = 30  # names that a message lists

@@ -25,28 +25,28 @@ class WaypointsFromFile(Section):
 
 
 def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
-    """Return the reference in plain numbers, and its errors as `(place, message)`."""
+    """Return the reference in plain numbers, and its errors as `(location, message)`."""
     try:
         with (folder / section.file).open(encoding="utf-8-sig", newline="") as opened:
             rows = csv.reader(opened, strict=True)
             names = ["time_s" if name.strip() == "t_s" else name.strip() for name in next(rows, [])]  # t_s: schema 1
-            poses, wrong = [], list(_columns(names))
-            for row in [] if wrong else rows:
+            poses, errors = [], list(_columns(names))
+            for row in [] if errors else rows:
                 if row:
                     pose, found = _pose(names, row)
                     poses.append(pose)
-                    wrong += [f"line {rows.line_num}: {sentence}" for sentence in found]
+                    errors += [f"line {rows.line_num}: {message}" for message in found]
                 if len(poses) > MAX_ENTRIES:
-                    wrong.append(f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed")
+                    errors.append(f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed")
                     break
     except OSError as error:
-        wrong, poses = [f"cannot be read: {error.strerror or error}"], []
+        errors, poses = [f"cannot be read: {error.strerror or error}"], []
     except (csv.Error, ValueError) as error:  # ValueError: no UTF-8, a NUL in the path
-        wrong, poses = [f"cannot be read: {error}"], []
-    if not wrong and len(poses) < 2:
-        wrong = [f"must contain at least two poses, got {len(poses)}"]
+        errors, poses = [f"cannot be read: {error}"], []
+    if not errors and len(poses) < 2:
+        errors = [f"must contain at least two poses, got {len(poses)}"]
     return {"kind": "waypoints", "poses": poses}, [
-        (("file",), f"{format_value(section.file)}: {line}") for line in wrong
+        (("file",), f"{format_value(section.file)}: {line}") for line in errors
     ]
 
 
@@ -65,18 +65,18 @@ def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
     """Return one line as a pose, and its errors."""
     if len(row) != len(names):
         return {}, [f"must have {len(names)} values, got {len(row)}"]
-    numbers, wrong = {}, []
+    numbers, errors = {}, []
     for name, text in zip(names, row, strict=True):
         try:
             numbers[name] = float(text)
         except ValueError:
-            wrong.append(f"{name}: must be a number, got {format_value(text)}")
-    if wrong:
-        return {}, wrong
+            errors.append(f"{name}: must be a number, got {format_value(text)}")
+    if errors:
+        return {}, errors
     pose: dict[str, Any] = {"time_s": numbers["time_s"], "position_m": [numbers[name] for name in POSITION_COLUMNS[1:]]}
     pose |= {"rpy_deg": [numbers[name] for name in ATTITUDE_COLUMNS]} if ATTITUDE_COLUMNS[0] in names else {}
     try:
         Pose.model_validate(pose)
     except ScenarioError as error:
-        wrong = str(error).splitlines()
-    return pose, wrong
+        errors = str(error).splitlines()
+    return pose, errors

@@ -52,7 +52,7 @@ class AgentTypeFromUrdf(Section):
 
 
 def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
-    """Return the agent type in plain numbers, and its errors as `(place, message)`."""
+    """Return the agent type in plain numbers, and its errors as `(location, message)`."""
     try:
         robot = urdf.load_urdf(
             folder / section.urdf, section.mimic_joints, section.nominal_position_rad | section.nominal_position_m
@@ -61,9 +61,9 @@ def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], li
         return {}, [(("urdf",), f"{format_value(section.urdf)} cannot be read: {error.strerror or error}")]
     except ValueError as error:
         return {}, [(("urdf",), str(error))]
-    wrong = list(_errors(section, robot))
-    if wrong:
-        return {}, wrong
+    errors = list(_errors(section, robot))
+    if errors:
+        return {}, errors
     numbers = _numbers(section, robot)
     try:
         AgentType.model_validate(numbers)

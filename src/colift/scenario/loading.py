@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from colift.runtime import bounded_read
 from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
 from colift.scenario.cross_checks import consistency_errors
-from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value, suggestion
+from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format_value, suggestion
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.migration import SCHEMA
@@ -92,24 +92,24 @@ def parse(text: str, file: str, overrides: Sequence[str] = ()) -> Scenario:
     Raises:
         ScenarioError: As in `load_scenario`.
     """
-    written = functools.reduce(yaml_tree.with_setting, overrides, _whole(text, file))
-    data, from_files = _expanded(written.data, Path(file).parent)
-    unread = {place[: 2 if place[0] == "agent_types" else 1] for place, _ in from_files}
-    found: dict[Place, list[str | ErrorDetails]] = {}
-    for place, sentence in (*written.errors, *from_files):
-        found.setdefault(place, []).append(sentence)
+    tree = functools.reduce(yaml_tree.with_setting, overrides, _whole(text, file))
+    data, from_files = _expanded(tree.data, Path(file).parent)
+    unread = {location[: 2 if location[0] == "agent_types" else 1] for location, _ in from_files}
+    found: dict[Location, list[str | ErrorDetails]] = {}
+    for location, message in (*tree.errors, *from_files):
+        found.setdefault(location, []).append(message)
     try:
         with plugins.plugin_path(Path(file).parent):
             settings = SCENARIO_ADAPTER.validate_python(data)
     except ValidationError as error:
-        wrong = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]
-        _add(found, [(validation.place(data, e["loc"], e["type"]), e) for e in wrong])
+        invalid = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]
+        _add(found, [(validation.location(data, e["loc"], e["type"]), e) for e in invalid])
         # pydantic checks consistency only if all sections are valid; check it here as well
         _add(found, [] if unread else consistency_errors(data))
     else:
         if not found:
             return settings
-    raise _scenario_error(found, written)
+    raise _scenario_error(found, tree)
 
 
 MAX_INHERITANCE_DEPTH = 4  # files that extend one another
@@ -117,25 +117,25 @@ MAX_INHERITANCE_DEPTH = 4  # files that extend one another
 
 def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
     """Return the data of a text, merged with the scenario that it extends."""
-    written = _of_schema_2(yaml_tree.read(text, file))
-    base = written.data.get("extends")
+    tree = _of_schema_2(yaml_tree.read(text, file))
+    base = tree.data.get("extends")
     if base is None:
-        return written
-    at = written.at(("extends",))
+        return tree
+    at = tree.at(("extends",))
     if not isinstance(base, str):
         raise ScenarioError(f"{at} extends: must be the name of a shipped scenario or the path of a .yaml file")
     if depth == MAX_INHERITANCE_DEPTH:
         raise ScenarioError(f"{at} extends: {MAX_INHERITANCE_DEPTH} files that extend one another are the limit")
     if base in shipped_names():
-        return yaml_tree.diff_tree(_whole(shipped_text(base), f"{base}.yaml", depth + 1), written)
+        return yaml_tree.diff_tree(_whole(shipped_text(base), f"{base}.yaml", depth + 1), tree)
     path = Path(file).parent / base
     try:
-        theirs = bounded_read.read_text(path, 4 * yaml_tree.MAX_BYTES) if path.suffix in SUFFIXES else None
+        base_text = bounded_read.read_text(path, 4 * yaml_tree.MAX_BYTES) if path.suffix in SUFFIXES else None
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{at} extends: {format_value(base)} cannot be read: {error}") from None
-    if theirs is None:
+    if base_text is None:
         raise ScenarioError(f"{at} extends: {_unknown(base)}")
-    return yaml_tree.diff_tree(_whole(theirs, str(path), depth + 1), written)
+    return yaml_tree.diff_tree(_whole(base_text, str(path), depth + 1), tree)
 
 
 def _of_schema_2(tree: yaml_tree.Tree) -> yaml_tree.Tree:
@@ -149,42 +149,42 @@ def _of_schema_2(tree: yaml_tree.Tree) -> yaml_tree.Tree:
     return dataclasses.replace(tree, data={key: value for key, value in tree.data.items() if key != "schema"})
 
 
-def _add(found: dict[Place, list[str | ErrorDetails]], more: Sequence[tuple[Place, str | ErrorDetails]]) -> None:
-    """Add errors at places that have none yet; consequences of an error are omitted."""
-    known_places = set(found)
-    for place, message in more:
-        if place not in known_places:
-            found.setdefault(place, []).append(message)
+def _add(found: dict[Location, list[str | ErrorDetails]], more: Sequence[tuple[Location, str | ErrorDetails]]) -> None:
+    """Add errors at locations that have none yet; consequences of an error are omitted."""
+    known_locations = set(found)
+    for location, message in more:
+        if location not in known_locations:
+            found.setdefault(location, []).append(message)
 
 
-def _scenario_error(found: dict[Place, list[str | ErrorDetails]], written: yaml_tree.Tree) -> ScenarioError:
+def _scenario_error(found: dict[Location, list[str | ErrorDetails]], tree: yaml_tree.Tree) -> ScenarioError:
     """Return an exception with the first errors in the order of the file, each once."""
     schema = validation.schema_of(Scenario)
     lines, count = [], sum(len(message) for message in found.values())
     ordered = sorted(
-        ((place, message) for place in found for message in found[place]), key=lambda it: written.line(it[0])
+        ((location, message) for location in found for message in found[location]), key=lambda it: tree.line(it[0])
     )
-    for place, message in ordered[: validation.MAX_MESSAGES]:
-        words = message if isinstance(message, str) else validation.error_message(message, schema)
-        lines.append(f"{written.at(place)} {validation.location_label(place, schema)}: {words}")
+    for location, message in ordered[: validation.MAX_MESSAGES]:
+        text = message if isinstance(message, str) else validation.error_message(message, schema)
+        lines.append(f"{tree.at(location)} {validation.location_label(location, schema)}: {text}")
     return ScenarioError("\n".join([*dict.fromkeys(lines), *validation.truncation_note(count)]))
 
 
 def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """Return the data with the content of other files in plain numbers, and the errors in these files."""
-    kinds, path, wrong = data.get("agent_types"), data.get("reference"), []
+    kinds, path, errors = data.get("agent_types"), data.get("reference"), []
     if isinstance(kinds, dict):
         written = dict(kinds)
         for name, kind in kinds.items():
             if isinstance(kind, dict) and "urdf" in kind:
                 written[name], found = _read(AgentTypeFromUrdf, from_urdf.expand, kind, folder)
-                wrong += [(("agent_types", name, *place), sentence) for place, sentence in found]
+                errors += [(("agent_types", name, *location), message) for location, message in found]
         data = data | {"agent_types": written}
     if isinstance(path, dict) and path.get("kind") == "waypoints" and "file" in path:
         expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
-        wrong += [(("reference", *place), sentence) for place, sentence in found]
+        errors += [(("reference", *location), message) for location, message in found]
         data = data | {"reference": expanded}
-    return data, wrong
+    return data, errors
 
 
 G = TypeVar("G", bound=Section)

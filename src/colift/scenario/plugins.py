@@ -56,9 +56,9 @@ def plugin_settings(name: str, settings: Any, base: type[BaseModel]) -> BaseMode
     try:
         return TypeAdapter(kind).validate_python(settings)
     except ValidationError as error:
-        wrong = validation.validation_messages(error, kind, settings)
+        messages = validation.validation_messages(error, kind, settings)
         raise validation.as_validation_error(
-            [(("settings", *at), message) for at, message in wrong], "worded"
+            [(("settings", *at), message) for at, message in messages], "worded"
         ) from None
 
 
@@ -73,8 +73,8 @@ def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise ValueError(f"{module} cannot be imported: {_exception_message(error)}") from None
-        where = f"in {folder}, nor among those installed" if folder else "on the import path"
-        raise ValueError(f"there is no module {format_value(module)} {where}") from None
+        searched = f"in {folder}, nor among those installed" if folder else "on the import path"
+        raise ValueError(f"there is no module {format_value(module)} {searched}") from None
     except Exception as error:  # a user-defined module may raise any exception
         raise ValueError(f"{module} cannot be imported: {_exception_message(error)}") from None
     _same_file(module, found, folder)
@@ -88,11 +88,11 @@ def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:
 
 def _same_file(module: str, found: Any, folder: Path | None) -> None:
     """Reject an imported module if the scenario's folder contains another one of that name."""
-    here = folder and folder / f"{module.replace('.', '/')}.py"
-    there = getattr(found, "__file__", None)
-    if here and here.is_file() and (there is None or not here.samefile(there)):
+    expected = folder and folder / f"{module.replace('.', '/')}.py"
+    imported = getattr(found, "__file__", None)
+    if expected and expected.is_file() and (imported is None or not expected.samefile(imported)):
         raise ValueError(
-            f"module {format_value(module)} is {there or 'built in'} here, not {here}: give it another name"
+            f"module {format_value(module)} is {imported or 'built in'} here, not {expected}: give it another name"
         )
 
 

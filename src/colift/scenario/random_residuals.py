@@ -54,7 +54,7 @@ def sample_residuals(
     assert not isinstance(moves, schema.Plugin), "`cross_checks` rejects it"
     moving = moves.ramp_time_s if isinstance(moves, schema.Lissajous) else moves.poses[0].time_s
     zero = priors.prior_model(settings, truth)
-    where, along = (
+    center_features, path_features = (
         _team_features(trajectories.make_reference(settings), zero.features, state, jnp.asarray(t))
         for t in (
             rng.uniform(moving, settings.duration_s, num_centers),
@@ -69,19 +69,19 @@ def sample_residuals(
             scaled = w * (given.rkhs_norm / np.asarray(gp.rkhs_norm(gp.from_expansion(hyper, X, w))))[:, None]
             model = gp.from_expansion(hyper, X, scaled, max(len(X), settings.learning.max_samples))
             values = np.asarray(_means(model, path))
-            few = np.ptp(values, axis=0) / 2 < given.min_variation * np.sqrt(hyper.signal_variance)
-            if not few.any():
+            too_small = np.ptp(values, axis=0) / 2 < given.min_variation * np.sqrt(hyper.signal_variance)
+            if not too_small.any():
                 return model, values.std(0)
-            w[few] = again.normal(size=(few.sum(), len(X)))
+            w[too_small] = again.normal(size=(too_small.sum(), len(X)))
         raise ScenarioError(
             f"{settings.name}: random_residual.min_variation: after {MAX_ATTEMPTS} draws an output still varied "
             f"by less than {given.min_variation:g} signal deviations along the reference; lower it, "
             "or choose shorter length-scales or a longer reference"
         )
 
-    payload, of_payload = one(zero.payload.hyper, where[0], along[0])
+    payload, of_payload = one(zero.payload.hyper, center_features[0], path_features[0])
     agents, of_agents = [], []
-    for group, x, x_along in zip(zero.agents, where[1], along[1], strict=True):
+    for group, x, x_along in zip(zero.agents, center_features[1], path_features[1], strict=True):
         each = [
             one(jax.tree.map(lambda leaf, j=j: leaf[j], group.hyper), x[:, j], x_along[:, j]) for j in range(x.shape[1])
         ]

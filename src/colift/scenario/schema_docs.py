@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from colift.scenario.errors import Place
+from colift.scenario.errors import Location
 
 UNITS = {
     "kg": "kg",
@@ -32,9 +32,9 @@ UNITS = {
 }
 
 
-def unit_of(setting: dict[str, Any], place: Place) -> str:
+def unit_of(setting: dict[str, Any], location: Location) -> str:
     """Return the stated unit of a setting, or the unit from the last word of its name; empty if there is none."""
-    named = [key for key in place if isinstance(key, str)]
+    named = [key for key in location if isinstance(key, str)]
     if "unit" in setting:
         return setting["unit"]
     word = named[-1].rpartition("_")[2] if named and "_" in named[-1] else ""
@@ -42,28 +42,28 @@ def unit_of(setting: dict[str, Any], place: Place) -> str:
 
 
 class Schema:
-    """JSON schema of a model, by place in the data."""
+    """JSON schema of a model, by location in the data."""
 
     def __init__(self, model: type[BaseModel]) -> None:
         self._root = model.model_json_schema()
 
-    def at(self, place: Place) -> dict[str, Any]:
-        """Return the schema of the setting at a place; for an entry of a plain list, the schema of the list."""
+    def at(self, location: Location) -> dict[str, Any]:
+        """Return the schema of the setting at a location; for an entry of a plain list, the schema of the list."""
         node = self._root
-        for key in place:
+        for key in location:
             inside = self._inside(node, key)
             if isinstance(key, str) or any("properties" in variant for variant in self._variants(inside)):
                 node = inside
         return node
 
-    def leaf(self, loc: Place) -> dict[str, Any]:
+    def leaf(self, loc: Location) -> dict[str, Any]:
         """Return the schema of the value at a location in the form of pydantic, including entries of lists."""
         node = self._root
         for key in loc:
             node = self._inside(node, key)
         return node
 
-    def is_variant(self, loc: Place, key: int | str) -> bool:
+    def is_variant(self, loc: Location, key: int | str) -> bool:
         """Return whether a step of a pydantic location names a variant of a union instead of a setting."""
         variants = self._variants(self.leaf(loc))
         return any(
@@ -82,7 +82,7 @@ class Schema:
                         found.setdefault((format_range(leaf), leaf["why"]), []).append(f"{section}.{key}")
         return found
 
-    def sibling_settings(self, loc: Place) -> list[str]:
+    def sibling_settings(self, loc: Location) -> list[str]:
         """Return the names of the settings of the section that contains the last part of `loc`."""
         node = self._root
         for key in loc[:-1]:

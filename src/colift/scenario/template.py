@@ -153,9 +153,9 @@ def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
     if len(tips) * agents < 3:
         raise ValueError(f"--agents {agents}: each holds the payload at {len(tips)}, and three contacts are needed")
     mass = sum(body.mass for body in robot.bodies)
-    own = urdf.make_agent(robot, tips, np.zeros((len(tips), 3)), 1.0)
-    r = _bent(own)
-    points = _reach(own, r)
+    agent = urdf.make_agent(robot, tips, np.zeros((len(tips), 3)), 1.0)
+    r = _bent(agent)
+    points = _reach(agent, r)
     path = json.dumps(os.path.relpath(file, folder), ensure_ascii=False)
     hands = "\n".join(
         f"      - {{link: {json.dumps(link, ensure_ascii=False)}, name: hand_{k + 1}}}" for k, link in enumerate(tips)
@@ -185,27 +185,27 @@ MIN_MANIPULABILITY = 200.0  # largest condition number of a posture that is writ
 NUM_CANDIDATES = 3000
 
 
-def _reach(own: AerialManipulator, r: np.ndarray) -> np.ndarray:
+def _reach(agent: AerialManipulator, r: np.ndarray) -> np.ndarray:
     """Compute the tip positions `(arms, 3)` [m, base frame]."""
-    return np.asarray(aerial_manipulator.forward_kinematics(own, jnp.asarray(r)).points[-own.tree.arms :])
+    return np.asarray(aerial_manipulator.forward_kinematics(agent, jnp.asarray(r)).points[-agent.tree.arms :])
 
 
-def _bent(own: AerialManipulator) -> np.ndarray:
+def _bent(agent: AerialManipulator) -> np.ndarray:
     """Find joint positions [rad or m] with a well-conditioned grasp Jacobian: zero if possible, else a candidate.
 
     Joint limits are not considered. The result is zero if no candidate is well conditioned.
     """
 
     def condition(r: np.ndarray) -> float:
-        values, _ = grasp.grasp_jacobian_svd(own, r)
+        values, _ = grasp.grasp_jacobian_svd(agent, r)
         return values[0] / max(values[-1], 1e-12)
 
     def cost(r: np.ndarray) -> float:
-        tips = _reach(own, r)  # prefer tips at one height, centered below the base
+        tips = _reach(agent, r)  # prefer tips at one height, centered below the base
         return condition(r) + np.ptp(tips[:, 2]) / 0.01 + np.abs(tips.mean(0)).sum() / 0.01 + np.abs(r).sum()
 
-    zero, arms = np.zeros(own.tree.joints), own.tree.arms
-    turning = [k for k, slides in enumerate(own.tree.prismatic) if not slides]
+    zero, arms = np.zeros(agent.tree.joints), agent.tree.arms
+    turning = [k for k, slides in enumerate(agent.tree.prismatic) if not slides]
     if 3 + len(zero) < 3 * arms or condition(zero) < MAX_CONDITION or not turning:
         return zero  # `check` rejects agents with too few joints
     if len(JOINT_ANGLE_CANDIDATES) ** len(turning) <= NUM_CANDIDATES:

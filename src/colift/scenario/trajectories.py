@@ -49,10 +49,10 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
 
 
 def _unwrap(theta: list[np.ndarray]) -> np.ndarray:
-    """Rotation vectors of the same rotations, each the nearest to the one before, up to one turn away."""
+    """Return the rotation vectors of the same rotations that are closest to the previous ones, within one full turn."""
     out = [theta[0]]
-    for context in theta[1:]:
-        angle = np.linalg.norm(context)
-        axis = context / angle if angle > 0 else np.zeros(3)
-        out.append(min((context + 2 * np.pi * k * axis for k in (-1, 0, 1)), key=lambda x: np.linalg.norm(x - out[-1])))
+    for vector in theta[1:]:
+        angle = np.linalg.norm(vector)
+        axis = vector / angle if angle > 0 else np.zeros(3)
+        out.append(min((vector + 2 * np.pi * k * axis for k in (-1, 0, 1)), key=lambda x: np.linalg.norm(x - out[-1])))
     return np.array(out)

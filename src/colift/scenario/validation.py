@@ -1,4 +1,4 @@
-"""Messages for validation errors of pydantic: place, allowed values, given value."""
+"""Messages for validation errors of pydantic: location, allowed values, given value."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
-from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value, suggestion
+from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format_value, suggestion
 from colift.scenario.former_settings import relocation_hint
 from colift.scenario.schema_docs import Schema, format_range, unit_of
 
@@ -64,9 +64,9 @@ def errors(error: ValidationError) -> list[ErrorDetails]:
 
 
 def validation_messages(error: ValidationError, model: type[BaseModel], data: Any) -> list[ErrorMessage]:
-    """Convert the errors of pydantic in the data of a model to messages, by place in the data."""
+    """Convert the errors of pydantic in the data of a model to messages, by location in the data."""
     schema = schema_of(model)
-    return [(place(data, e["loc"], e["type"]), error_message(e, schema)) for e in errors(error)]
+    return [(location(data, e["loc"], e["type"]), error_message(e, schema)) for e in errors(error)]
 
 
 def truncation_note(count: int) -> list[str]:
@@ -93,8 +93,8 @@ def as_validation_error(
     )
 
 
-def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
-    """Return the place of an error in the data: a pydantic location without the variants of unions."""
+def location(data: Any, loc: tuple[int | str, ...], kind: str) -> Location:
+    """Return the location of an error in the data: a pydantic location without the variants of unions."""
     if kind == "mistake":  # of a consistency check; the setting may be absent
         return loc
     found: list[int | str] = []
@@ -108,8 +108,8 @@ def place(data: Any, loc: tuple[int | str, ...], kind: str) -> Place:
     return tuple(found)
 
 
-def location_label(at: Place, schema: Schema) -> str:
-    """Format a place as `path [unit]`."""
+def location_label(at: Location, schema: Schema) -> str:
+    """Format a location as `path [unit]`."""
     path = "".join(f".{key}" if isinstance(key, str) and _plain(key) else f"[{format_value(key)}]" for key in at)
     unit = unit_of(schema.at(at), at)
     return f"{path.lstrip('.') or 'scenario'}{f' [{unit}]' if unit else ''}"
@@ -153,6 +153,6 @@ def _requirement(error: ErrorDetails, schema: Schema) -> str:
     return MESSAGE_TEMPLATES.get(kind, f"is not allowed ({kind.replace('_', ' ')})").format(**about)
 
 
-def _without_variants(schema: Schema, loc: tuple[int | str, ...]) -> Place:
+def _without_variants(schema: Schema, loc: tuple[int | str, ...]) -> Location:
     """Return a pydantic location without the variants of unions."""
     return tuple(key for i, key in enumerate(loc) if not schema.is_variant(loc[:i], key))

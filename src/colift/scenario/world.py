@@ -46,7 +46,7 @@ def make_world(
     """
     noise = make_sensor_noise(settings)
     models = tuple(_sensor_model(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
-    ours = SimulatedWorld(
+    world = SimulatedWorld(
         team=truth,
         plant=contact_dynamics.RigidContactPlant(),
         disturbances=sources,
@@ -59,28 +59,28 @@ def make_world(
         else models,
         mass_step=None if settings.payload_mass_step is None else _mass_step(settings.payload_mass_step),
     )
-    return dataclasses.replace(ours, actuators=_actuators(settings, ours), plant=_plant(settings, ours, state))
+    return dataclasses.replace(world, actuators=_actuators(settings, world), plant=_plant(settings, world, state))
 
 
 def _mass_step(step: schema.PayloadMassStep) -> PayloadMassStep:
     return PayloadMassStep(mass=array(step.mass_kg), start=array(step.start_s), ramp_time=array(step.ramp_time_s))
 
 
-def _plant(settings: schema.Scenario, ours: SimulatedWorld, state: State) -> Plant:
+def _plant(settings: schema.Scenario, world: SimulatedWorld, state: State) -> Plant:
     given = settings.physics
     if isinstance(given, schema.Plugin):
-        return build_plugin(given, "physics", Plant, ours)
+        return build_plugin(given, "physics", Plant, world)
     if isinstance(given, schema.RigidContactPhysics):
         return contact_dynamics.RigidContactPlant()
     try:
         from colift.simulation import mujoco_plant  # MuJoCo is an extra
     except ModuleNotFoundError as error:
         raise ScenarioError(f"{settings.name}: physics: {error}") from None
-    return mujoco_plant.mujoco_plant(ours.team, state, 1 / settings.control_Hz, given.substeps)
+    return mujoco_plant.mujoco_plant(world.team, state, 1 / settings.control_Hz, given.substeps)
 
 
 def _sensor_model(
-    given: schema.Intermittent | schema.BiasRandomWalk | schema.Plugin, where: str, settings: schema.Scenario
+    given: schema.Intermittent | schema.BiasRandomWalk | schema.Plugin, location: str, settings: schema.Scenario
 ) -> SensorModel:
     match given:
         case schema.Intermittent():
@@ -97,18 +97,18 @@ def _sensor_model(
                 random_walk_density=array(given.random_walk_density),
                 initial_bias_std=array(given.initial_bias_std),
             )
-    return build_plugin(given, where, SensorModel)
+    return build_plugin(given, location, SensorModel)
 
 
-def _actuators(settings: schema.Scenario, ours: SimulatedWorld) -> actuators.IdealActuators:
+def _actuators(settings: schema.Scenario, world: SimulatedWorld) -> actuators.IdealActuators:
     given = settings.actuators
     if isinstance(given, schema.Plugin):
-        return build_plugin(given, "actuators", actuators.IdealActuators, ours)
+        return build_plugin(given, "actuators", actuators.IdealActuators, world)
     if isinstance(given, schema.IdealActuators):
         return actuators.IdealActuators()
     return actuators.LaggedMotors(
         lag=actuator_lag(given, settings),
-        limits=tuple(_limit(given, group.thrust_max) for group in ours.team.agent_groups),
+        limits=tuple(_limit(given, group.thrust_max) for group in world.team.agent_groups),
     )
 
 

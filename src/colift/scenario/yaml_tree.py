@@ -16,7 +16,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from colift.scenario.errors import ErrorMessage, Place, ScenarioError, format_value
+from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format_value
 
 MAX_BYTES = 100_000  # thirty times the size of the scenario `paper`
 MAX_VALUES = 10_000  # every use of an alias counts: a few lines can expand to billions of values
@@ -26,20 +26,20 @@ TAG = "tag:yaml.org,2002:"
 
 @dataclasses.dataclass(frozen=True)
 class Tree:
-    """Plain data, the line of every place (0 for an override), and the errors of its form."""
+    """Plain data, the line of every location (0 for an override), and the errors of its form."""
 
     file: str
     data: dict[str, Any]
-    lines: dict[Place, int]
+    lines: dict[Location, int]
     errors: list[ErrorMessage]
 
-    def line(self, place: Place) -> int:
+    def line(self, location: Location) -> int:
         """Return the line of a setting, or of the section without it; 0 for an override."""
-        return next((self.lines[place[:n]] for n in range(len(place), 0, -1) if place[:n] in self.lines), 1)
+        return next((self.lines[location[:n]] for n in range(len(location), 0, -1) if location[:n] in self.lines), 1)
 
-    def at(self, place: Place) -> str:
+    def at(self, location: Location) -> str:
         """Return the position of a setting for messages: `file:line:`, or `--set`."""
-        line = self.line(place)
+        line = self.line(location)
         return f"{self.file}:{line}:" if line else "--set"
 
 
@@ -61,7 +61,7 @@ def read(text: str, file: str) -> Tree:
     if not isinstance(node, MappingNode):
         reader.fail(1, "must be settings by name (`name: value`), one per line")
     data = reader.value(node, ())
-    return Tree(file, data, reader.lines, reader.wrong)
+    return Tree(file, data, reader.lines, reader.errors)
 
 
 def with_setting(tree: Tree, change: str) -> Tree:
@@ -88,7 +88,7 @@ def with_setting(tree: Tree, change: str) -> Tree:
         raise ScenarioError(f"--set {format_value(path)}: is nested more than {MAX_DEPTH} deep")
     node = reader.compose(text)
     value = None if node is None else reader.value(node, ())
-    lines, data, place = dict(tree.lines), tree.data, ()
+    lines, data, location = dict(tree.lines), tree.data, ()
     for name in path.split("."):
         if isinstance(data, list):
             key = _index(name, data, path)
@@ -96,20 +96,20 @@ def with_setting(tree: Tree, change: str) -> Tree:
         elif isinstance(data, dict):
             key = name
             if name not in data:
-                lines[*place, name] = 0
+                lines[*location, name] = 0
             data = data.get(name, {})
         else:
             raise ScenarioError(
-                f"--set {path}: {'.'.join(map(str, place))} is {format_value(data)}, which holds no settings"
+                f"--set {path}: {'.'.join(map(str, location))} is {format_value(data)}, which holds no settings"
             )
-        place = (*place, key)
-    inside = lambda at: at[: len(place)] == place  # noqa: E731
+        location = (*location, key)
+    inside = lambda at: at[: len(location)] == location  # noqa: E731
     return Tree(
         tree.file,
-        _put(tree.data, place, value),
-        {at: line for at, line in lines.items() if not inside(at)} | {place: 0},
+        _put(tree.data, location, value),
+        {at: line for at, line in lines.items() if not inside(at)} | {location: 0},
         [mistake for mistake in tree.errors if not inside(mistake[0])]
-        + [((*place, *at), sentence) for at, sentence in reader.wrong],
+        + [((*location, *at), message) for at, message in reader.errors],
     )
 
 
@@ -127,38 +127,38 @@ def diff_tree(base: Tree, tree: Tree) -> Tree:
         The merged tree.
     """
     merged = _Merged(tree.lines, dict.fromkeys(base.lines, tree.line(("extends",))))
-    mine = {key: value for key, value in tree.data.items() if key != "extends"}
-    data = merged.value(base.data, mine, (), ())
-    return Tree(tree.file, data, merged.lines, [(merged.place(at), sentence) for at, sentence in tree.errors])
+    differences = {key: value for key, value in tree.data.items() if key != "extends"}
+    data = merged.value(base.data, differences, (), ())
+    return Tree(tree.file, data, merged.lines, [(merged.location(at), message) for at, message in tree.errors])
 
 
 class _Merged:
-    """One pass over two trees: lines of the result, and places of the second tree in the result."""
+    """One pass over two trees: lines of the result, and locations of the second tree in the result."""
 
-    def __init__(self, theirs: dict[Place, int], lines: dict[Place, int]) -> None:
-        self.theirs, self.lines = theirs, lines
-        self.moved: dict[Place, Place] = {(): ()}
+    def __init__(self, new_lines: dict[Location, int], lines: dict[Location, int]) -> None:
+        self.new_lines, self.lines = new_lines, lines
+        self.moved: dict[Location, Location] = {(): ()}
 
-    def value(self, base: Any, new: Any, at: Place, was: Place) -> Any:
-        """Return the merged value at a place, for a value `new` of the second tree at `was`."""
-        self.moved[was] = at
+    def value(self, base: Any, new: Any, at: Location, old: Location) -> Any:
+        """Return the merged value at a location, for a value `new` of the second tree at `old`."""
+        self.moved[old] = at
         if isinstance(base, dict) and isinstance(new, dict) and new.get("kind", base.get("kind")) == base.get("kind"):
-            return base | {key: self.value(base.get(key), x, (*at, key), (*was, key)) for key, x in new.items()}
+            return base | {key: self.value(base.get(key), x, (*at, key), (*old, key)) for key, x in new.items()}
         names = _names(base)
         if names and _names(new):
             out = list(base)
             for i, entry in enumerate(new):
                 j = names.index(entry["name"]) if entry["name"] in names else len(out)
-                value = self.value(out[j] if j < len(out) else None, entry, (*at, j), (*was, i))
+                value = self.value(out[j] if j < len(out) else None, entry, (*at, j), (*old, i))
                 out[j : j + 1] = [value]
             return out
-        self.lines = {place: line for place, line in self.lines.items() if place[: len(at)] != at}
-        inside = {place: line for place, line in self.theirs.items() if place[: len(was)] == was}
-        self.lines |= {(*at, *place[len(was) :]): line for place, line in inside.items()}
+        self.lines = {location: line for location, line in self.lines.items() if location[: len(at)] != at}
+        inside = {location: line for location, line in self.new_lines.items() if location[: len(old)] == old}
+        self.lines |= {(*at, *location[len(old) :]): line for location, line in inside.items()}
         return new
 
-    def place(self, at: Place) -> Place:
-        """Return the place in the result of a place of the second tree."""
+    def location(self, at: Location) -> Location:
+        """Return the location in the result of a location of the second tree."""
         prefix = next(at[:n] for n in range(len(at), -1, -1) if at[:n] in self.moved)
         return (*self.moved[prefix], *at[len(prefix) :])
 
@@ -178,17 +178,17 @@ def _index(name: str, entries: list[Any], path: str) -> int:
     if name in names:
         return names.index(name)
     if not (name.isdecimal() and name.isascii() and len(name) < 10 and int(name) < size):
-        there = f"entries 0 to {size - 1}" if size else "no entries"
+        indices = f"entries 0 to {size - 1}" if size else "no entries"
         named = f" ({', '.join(map(format_value, names))})" if names else ""
-        raise ScenarioError(f"--set {path}: must be one of the list's {there}{named}, got {format_value(name)}")
+        raise ScenarioError(f"--set {path}: must be one of the list's {indices}{named}, got {format_value(name)}")
     return int(name)
 
 
-def _put(data: Any, place: Place, value: Any) -> Any:
-    """Return the data with another value at a place."""
-    if not place:
+def _put(data: Any, location: Location, value: Any) -> Any:
+    """Return the data with another value at a location."""
+    if not location:
         return value
-    key, *below = place
+    key, *below = location
     if isinstance(data, list):
         return [_put(entry, tuple(below), value) if i == key else entry for i, entry in enumerate(data)]
     return data | {key: _put(data.get(key, {}), tuple(below), value)}
@@ -199,16 +199,16 @@ class _Reader:
 
     def __init__(self, at: Callable[[int], str]) -> None:
         self.at = at  # position of a line, for messages
-        self.lines: dict[Place, int] = {}
-        self.wrong: list[ErrorMessage] = []
+        self.lines: dict[Location, int] = {}
+        self.errors: list[ErrorMessage] = []
         self.values, self.depth = 0, 0
         self.yaml = YAML(typ="safe", pure=True)
         self.yaml.max_depth = MAX_DEPTH
         self.yaml.composer.warn_double_anchors = False  # a name may be reused
 
-    def fail(self, line: int, sentence: str) -> NoReturn:
+    def fail(self, line: int, message: str) -> NoReturn:
         """Raise ScenarioError."""
-        raise ScenarioError(f"{self.at(line)}: {sentence}")
+        raise ScenarioError(f"{self.at(line)}: {message}")
 
     def compose(self, text: str) -> Node | None:
         """Compose the only document of the text, with the line of every node."""
@@ -233,7 +233,7 @@ class _Reader:
         ) as error:  # AssertionError: unsupported version of YAML
             self.fail(1, f"not valid YAML: {' '.join(str(error).split())}")
 
-    def value(self, node: Node, place: Place) -> Any:
+    def value(self, node: Node, location: Location) -> Any:
         """Convert a node to plain data."""
         line = node.start_mark.line + 1
         self.values, self.depth = self.values + 1, self.depth + 1
@@ -242,79 +242,79 @@ class _Reader:
         if self.depth > MAX_DEPTH:
             self.fail(line, f"is nested more than {MAX_DEPTH} deep")
         if isinstance(node, MappingNode):
-            value = self.mapping(node, place)
+            value = self.mapping(node, location)
         elif isinstance(node, SequenceNode):
-            value = self.sequence(node, place)
+            value = self.sequence(node, location)
         else:
             assert isinstance(node, ScalarNode)
-            value = self.scalar(node, place)
+            value = self.scalar(node, location)
         self.depth -= 1
         return value
 
-    def sequence(self, node: SequenceNode, place: Place) -> list[Any]:
+    def sequence(self, node: SequenceNode, location: Location) -> list[Any]:
         """Convert the entries of a list."""
-        self.no_tag(node, "seq", place)
+        self.no_tag(node, "seq", location)
         for i, entry in enumerate(node.value):
-            self.lines[*place, i] = entry.start_mark.line + 1
-        return [self.value(entry, (*place, i)) for i, entry in enumerate(node.value)]
+            self.lines[*location, i] = entry.start_mark.line + 1
+        return [self.value(entry, (*location, i)) for i, entry in enumerate(node.value)]
 
-    def mapping(self, node: MappingNode, place: Place) -> dict[str, Any]:
+    def mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
         """Convert the settings of a mapping; they override those of merge keys."""
-        self.no_tag(node, "map", place)
-        found, written = self.merged(node, place), set()
+        self.no_tag(node, "map", location)
+        found, written = self.merged(node, location), set()
         for key, value in node.value:
             name, line = key.value, key.start_mark.line + 1
             if _is(key, "merge"):
                 continue
             if not _is(key, "str") or not _is_text(name):
                 label = format_value(name) if isinstance(name, str) else "a list or section"
-                self.wrong.append((place, f"the name of a setting must be text, got {label} in line {line}"))
+                self.errors.append((location, f"the name of a setting must be text, got {label} in line {line}"))
             elif name in written:
-                first = self.lines[*place, name]
-                self.wrong.append(((*place, name), f"occurs twice, in lines {first} and {line}"))
+                first = self.lines[*location, name]
+                self.errors.append(((*location, name), f"occurs twice, in lines {first} and {line}"))
             else:
-                self.lines[*place, name] = line
-                found[name] = self.value(value, (*place, name))
+                self.lines[*location, name] = line
+                found[name] = self.value(value, (*location, name))
                 written.add(name)
         return found
 
-    def merged(self, node: MappingNode, place: Place) -> dict[str, Any]:
+    def merged(self, node: MappingNode, location: Location) -> dict[str, Any]:
         """Return the settings of merge keys (`<<: *section`, or a list of them); the first section has priority."""
         found: dict[str, Any] = {}
         for value in (value for key, value in node.value if _is(key, "merge")):
             for section in reversed(value.value) if isinstance(value, SequenceNode) else [value]:
                 if isinstance(section, MappingNode):
-                    found |= self.value(section, place)
+                    found |= self.value(section, location)
                 else:
-                    self.wrong.append(
-                        (place, f"`<<` takes a section, or a list of them, got {format_value(section.value)}")
+                    self.errors.append(
+                        (location, f"`<<` takes a section, or a list of them, got {format_value(section.value)}")
                     )
         return found
 
-    def no_tag(self, node: Node, kind: str, place: Place) -> bool:
+    def no_tag(self, node: Node, kind: str, location: Location) -> bool:
         """Return whether a node has no explicit tag; else add an error."""
         if _is(node, kind):
             return True
-        self.wrong.append(
-            (place, f"tags are not used in a scenario, got {format_value(str(node.tag).replace(TAG, '!!'))}")
+        self.errors.append(
+            (location, f"tags are not used in a scenario, got {format_value(str(node.tag).replace(TAG, '!!'))}")
         )
         return False
 
-    def scalar(self, node: ScalarNode, place: Place) -> Any:
+    def scalar(self, node: ScalarNode, location: Location) -> Any:
         """Convert a number, text, truth value or null."""
         plain = node.style is None
         implied = str(self.yaml.resolver.resolve(ScalarNode, node.value, (plain, not plain))).removeprefix(TAG)
-        if not self.no_tag(node, implied, place):
+        if not self.no_tag(node, implied, location):
             return None
         if not _is_text(node.value):
-            self.wrong.append((place, f"holds characters that are not text, got {format_value(node.value)}"))
+            self.errors.append((location, f"holds characters that are not text, got {format_value(node.value)}"))
             return None
         if implied not in ("null", "bool", "int", "float"):  # dates and single merge keys are text
             return node.value
         try:
             return self.yaml.constructor.construct_object(node)
         except ValueError:
-            self.wrong.append((place, f"is not a number that can be read, got {format_value(node.value)}"))
+            self.errors.append((location, f"is not a number that can be read, got {format_value(node.value)}"))
             return None
 
 

@@ -190,9 +190,9 @@ def forward_dynamics(
     payload, m, J = team_state.payload, team.payload.mass, team.payload.inertia
     force = m * team.gravity + f.payload.F
     moment = f.payload.tau - so3.cross(payload.omega, matvec(J, payload.omega))
-    forced = vmap_agents(_forced, in_axes=(0, 0, None, 0, 0, None))
+    agent_forces = vmap_agents(_forced, in_axes=(0, 0, None, 0, 0, None))
     agents = tuple(
-        forced(group, state, payload, u, f_j, team.gravity)
+        agent_forces(group, state, payload, u, f_j, team.gravity)
         for group, state, u, f_j in zip(team.agent_groups, team_state.agents, inputs, f.agents, strict=True)
     )
     motion, a_L, lam = solve_kkt(team.payload, agents, jnp.concatenate([force, moment])[:, None])
@@ -256,8 +256,8 @@ def retract(state: State, d: StateTangent) -> State:
 
 def _theta_dot(theta: so3.Vector, omega: so3.Vector) -> so3.Vector:
     """Approximate `dexp^-1` to the order of the method: `omega + theta x omega / 2 + theta x (theta x omega) / 12`."""
-    turned = so3.cross(theta, omega)
-    return omega + turned / 2 + so3.cross(theta, turned) / 12
+    cross = so3.cross(theta, omega)
+    return omega + cross / 2 + so3.cross(theta, cross) / 12
 
 
 def tangent_rate(state: State, d: StateTangent, a: Acceleration) -> StateTangent:

@@ -282,12 +282,12 @@ class Intermittent(SensorModel):
         """Replace the readings of the channels by the held ones."""
         next_sample_time = state.next_sample_time
         sampled = (clock.t >= next_sample_time - 1e-9) & (clock.t < self.failure_time - 1e-9)
-        (reading, arrived), *pending = (
+        (reading, is_new), *pending = (
             *state.delay_line,
             (_select_channels(measurement, self.channels), sampled & (noise >= self.dropout_probability)),
         )
-        held = jax.tree.map(lambda new, old: jnp.where(arrived, new, old), reading, state.last_reading)
-        age = jnp.where(arrived, self.delay * clock.dt, state.age + clock.dt)
+        held = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), reading, state.last_reading)
+        age = jnp.where(is_new, self.delay * clock.dt, state.age + clock.dt)
         next_sample_time = jnp.where(sampled, next_sample_time + self.sample_period, next_sample_time)
         ages = measurement.measurement_age_s | dict.fromkeys(self.channels, age)
         next_state = IntermittentState(

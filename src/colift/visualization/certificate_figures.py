@@ -46,14 +46,14 @@ def plot_certificate(
         name = "recovery" if "recovery" in certificate.ultimate_bounds else "energy"
         _plot_errors_and_bounds(left, certificate, name)
         _plot_conservatism(right, conservatism)
-        if above := ", ".join(dict.fromkeys(SYMBOLS[each.error] for each in certificate.violations)):
+        if above := ", ".join(dict.fromkeys(ERROR_SYMBOLS[each.error] for each in certificate.violations)):
             left.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
         if best.assumptions:
             figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumptions)}", TITLE), fontsize=8)
         return style.save_figure(figure, Path(folder) / "figure_6_certificate", run)
 
 
-SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
+ERROR_SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
 """Symbol of each error in titles."""
 
 

@@ -67,7 +67,7 @@ class RenderData:
         t: Times of the drawn rows [s].
         signals: Signals of `scene.frames`, and the position error `e_p` [m].
         shape: Geometry of `scene.team_geometry`.
-        N_per_m: Force per arrow length of each kind of arrow [N/m].
+        arrow_scales: Force per arrow length of each kind of arrow [N/m].
         ground: Height of the ground, world frame [m].
     """
 
@@ -76,7 +76,7 @@ class RenderData:
     t: np.ndarray
     signals: Mapping[str, np.ndarray]
     shape: Mapping[str, Any]
-    N_per_m: Mapping[str, float]
+    arrow_scales: Mapping[str, float]
     ground: float
 
     def row_at(self, t: float) -> int:
@@ -106,14 +106,14 @@ def render_data(ds: xr.Dataset, title: str = "") -> RenderData:
         t=ds.time.values[scene.frame_rows(ds)],
         signals=tracks | {"e_p": scene.plot_signals(ds)["e_p"]},
         shape=shape,
-        N_per_m=scene.arrow_scales(tracks_by_case, shape["size_m"]),
+        arrow_scales=scene.arrow_scales(tracks_by_case, shape["size_m"]),
         ground=scene.ground_height(tracks_by_case),
     )
 
 
 def arrow_scale_label(data: RenderData) -> str:
     """Return a text that states the force per meter of arrow length for each kind of arrow."""
-    return "arrow scale: " + ", ".join(f"{kind} {x:g} N/m" for kind, x in data.N_per_m.items())
+    return "arrow scale: " + ", ".join(f"{kind} {x:g} N/m" for kind, x in data.arrow_scales.items())
 
 
 # Files ----------------------------------------------------------------------------------------------------------------
@@ -245,9 +245,9 @@ def _make_panels(data: Sequence[RenderData]) -> tuple[Figure, list[Axes]]:
 
 def _with_common_scale(data: Sequence[RenderData]) -> list[RenderData]:
     """Return the cases with common arrow scales, the largest of each kind, and the lowest ground."""
-    scales = {kind: max(case.N_per_m[kind] for case in data) for kind in data[0].N_per_m}
+    scales = {kind: max(case.arrow_scales[kind] for case in data) for kind in data[0].arrow_scales}
     ground = min(case.ground for case in data)
-    return [dataclasses.replace(case, N_per_m=scales, ground=ground) for case in data]
+    return [dataclasses.replace(case, arrow_scales=scales, ground=ground) for case in data]
 
 
 def _draw_frame(axes: Sequence[Axes], data: Sequence[RenderData], t: float) -> None:
@@ -363,7 +363,7 @@ def _team_corners(data: RenderData, k: int) -> np.ndarray:
     tracks, payload = {name: x[k] for name, x in data.signals.items()}, data.shape["payload"]
     half, margin = np.array(payload["half_m"]), 0.05 * data.shape["size_m"]
     box = tracks["p"] + _corners(-half, half) @ (_rotation(tracks["q"]) @ _rotation(np.array(payload["axes_wxyz"]))).T
-    tips = [start + force / data.N_per_m[kind] for kind, start, force in _forces(data, tracks)]
+    tips = [start + force / data.arrow_scales[kind] for kind, start, force in _forces(data, tracks)]
     rims = [
         base + _rotation(q) @ np.array(rotor) + sign * agent["rotor_radius_m"] * along
         for agent, base, q in zip(data.shape["agents"], tracks["base"], tracks["base_q"], strict=True)
@@ -417,7 +417,7 @@ def _team_faces(data: RenderData, k: int) -> Iterator[Face]:
         if kind != "base":
             yield _ball(node, 1.5 * line_width, case_color if kind == "tip" else ARM)
     for kind, start, force in _forces(data, tracks):
-        yield from _arrow(start, force / data.N_per_m[kind], 0.8 * line_width, COLORS[kind], kind == "disturbance")
+        yield from _arrow(start, force / data.arrow_scales[kind], 0.8 * line_width, COLORS[kind], kind == "disturbance")
 
 
 def _vehicle_faces(
@@ -519,7 +519,7 @@ def _write_names(ax: Axes, data: RenderData, k: int) -> None:
     """Write the names of agents at their thrust arrows and the names of contacts below the arm tips."""
     tracks = {name: x[k] for name, x in data.signals.items()}
     for j, agent in enumerate(data.shape["agents"]):
-        tip = tracks["base"][j] + tracks["u"][j] / data.N_per_m["thrust"] * _rotation(tracks["base_q"][j])[:, 2]
+        tip = tracks["base"][j] + tracks["u"][j] / data.arrow_scales["thrust"] * _rotation(tracks["base_q"][j])[:, 2]
         x, y = _project(tip)
         text = ax.annotate(agent["name"], (x, y), (0, 3), textcoords="offset points", ha="center", fontsize=8, zorder=5)
         text.set_path_effects(HALO)

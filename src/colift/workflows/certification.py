@@ -141,7 +141,11 @@ def run_adversarial_test(
         largest, worst = (size, records) if size > largest else (largest, worst)
     flight = dataclasses.replace(result.flight, records=worst)
     found = certificate.certify(
-        result.experiment, flight, result.nominal_linearization, ("energy", "recovery"), before=found.a_priori
+        result.experiment,
+        flight,
+        result.nominal_linearization,
+        ("energy", "recovery"),
+        a_priori_analysis=found.a_priori,
     )
     return dataclasses.replace(result, flight=flight, certificate=found)
 

@@ -240,12 +240,16 @@ def _late_update(settings: Scenario, _k: int, rng: np.random.Generator) -> list[
 
 def _initial_state(_settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
     """Offset initial position, attitude and velocity from the reference."""
-    off, turned, velocity = (size * x / np.linalg.norm(x) for x, size in zip(
+    position, attitude, velocity = (size * x / np.linalg.norm(x) for x, size in zip(
         rng.normal(size=(3, 3)), rng.uniform(0.2, 1, 3) * [0.5, 40.0, 0.5], strict=True
     ))  # fmt: skip
     return [
         f"initial_state.{name}={[float(f'{x:.3g}') for x in value]}"
-        for name, value in (("position_error_m", off), ("attitude_error_deg", turned), ("velocity_mps", velocity))
+        for name, value in (
+            ("position_error_m", position),
+            ("attitude_error_deg", attitude),
+            ("velocity_mps", velocity),
+        )
     ]
 
 

@@ -294,8 +294,12 @@ def _lengthscales(settings: Scenario, fits: model_update.Fits) -> dict[str, Any]
         else:
             group, j = body
             agent = team.group_agents(settings)[group][j]
-            moved = settings.agent_types[agent.type].joints
-            name, features, joints = agent.name, feature_map.agent_names(len(moved)), [m.name for m in moved]
+            joint_settings = settings.agent_types[agent.type].joints
+            name, features, joints = (
+                agent.name,
+                feature_map.agent_names(len(joint_settings)),
+                [m.name for m in joint_settings],
+            )
         outputs = ["F_x", "F_y", "F_z", "tau_x", "tau_y", "tau_z", *(f"tau_{joint}" for joint in joints)]
         out[name] = (features, outputs, fit.lengthscales, fit.at_lower, fit.at_upper)
     return out

@@ -259,7 +259,11 @@ def test_a_priori_analysis_is_reused_for_another_run(monkeypatch):
     moved = dataclasses.replace(all_of.flight, records=dataclasses.replace(rows, e_p=rows.e_p + 1e-3))
     monkeypatch.setattr(a_priori, "analyze_a_priori", lambda *_: pytest.fail("it is known"))
     found = certificate.certify(
-        all_of.experiment, moved, all_of.nominal_linearization, ("energy", "recovery"), before=a_priori_analysis
+        all_of.experiment,
+        moved,
+        all_of.nominal_linearization,
+        ("energy", "recovery"),
+        a_priori_analysis=a_priori_analysis,
     )
     assert set(found.ultimate_bounds) == {"energy", "recovery"}
     assert set(a_priori_analysis.reachable_deviation) > set(found.ultimate_bounds)

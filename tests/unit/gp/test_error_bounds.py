@@ -537,7 +537,7 @@ def test_rho_bar_bounds_the_norm_of_the_error(seed):
 
 
 def test_unsatisfied_assumptions_of_a_bound():
-    assert unsatisfied("energy", {BoundAssumption.RKHS_NORM, BoundAssumption.WITHIN_MODEL}) == set()
+    assert unsatisfied("energy", {BoundAssumption.RKHS_NORM, BoundAssumption.NOISE_WITHIN_STD}) == set()
     # Bounded noise of zero mean is sub-Gaussian; inputs that are fixed are predictable.
     met = {
         BoundAssumption.RKHS_NORM,
@@ -550,7 +550,7 @@ def test_unsatisfied_assumptions_of_a_bound():
     assert unsatisfied("chowdhury_gopalan", met) == {BoundAssumption.HORIZON}
     # The paper's noise is Gaussian, but its bound requires bounded noise.
     assert unsatisfied("srinivas", met - {BoundAssumption.BOUNDED_NOISE} | {BoundAssumption.SUB_GAUSSIAN}) == {
-        BoundAssumption.WITHIN_MODEL
+        BoundAssumption.NOISE_WITHIN_STD
     }
     # Fitted hyperparameters invalidate the probabilistic bounds, not the deterministic ones.
     assert unsatisfied("fiedler", met - {BoundAssumption.FIXED_HYPERPARAMETERS}) == {

@@ -231,7 +231,7 @@ def test_unsatisfied_assumptions_are_named():
         }
     )
     assert stated("abbasi_yadkori", satisfied=rig).assumed == ("rkhs norm",)
-    assert stated("srinivas", satisfied=rig).assumed == ("rkhs norm", "within model")
+    assert stated("srinivas", satisfied=rig).assumed == ("rkhs norm", "noise within std")
 
 
 @pytest.mark.parametrize(

@@ -92,8 +92,8 @@ def leader_follower_allocation(
         ValueError: If the leader block has a rank below 6, a leader is repeated or does not exist, or `lam_f0` is not
             an internal force of the follower block.
     """
-    wrong = [i for i in leaders if not 0 <= i < len(c)]
-    if wrong or len(set(leaders)) != len(leaders):
+    invalid = [i for i in leaders if not 0 <= i < len(c)]
+    if invalid or len(set(leaders)) != len(leaders):
         raise ValueError(f"leader contacts {list(leaders)}: each must be one of 0 to {len(c) - 1}, without repetition")
     followers = [i for i in range(len(c)) if i not in leaders]
     G = _grasp_matrix(c)

@@ -304,8 +304,8 @@ class OnlineLearner:
             else model
         )
 
-        def limit(usual: list[float]) -> float:
-            return options.nis_threshold * max(1.0, float(np.median(usual))) if usual else np.inf
+        def limit(previous_nis: list[float]) -> float:
+            return options.nis_threshold * max(1.0, float(np.median(previous_nis))) if previous_nis else np.inf
 
         for body, (t, nis) in semiparametric.normalized_innovation_squared(
             tested, recorder_state, self.mean_uncertainties, self.last_sample_time
@@ -314,10 +314,12 @@ class OnlineLearner:
             if body in too_few or int(posterior.num_points) < options.min_samples / 3:  # no reliable model yet
                 continue
             history = self.nis_history.setdefault(body, [])
-            usual = [model_update.loo_normalized_error(posterior, num_since[body])] if body in first_model else history
-            if mean_nis > limit(usual):
+            reference_nis = (
+                [model_update.loo_normalized_error(posterior, num_since[body])] if body in first_model else history
+            )
+            if mean_nis > limit(reference_nis):
                 self.change_points[body] = model_update.make_change_point(
-                    tested, body, float(t[np.argmax(nis > limit(usual))]) + options.transient_time
+                    tested, body, float(t[np.argmax(nis > limit(reference_nis))]) + options.transient_time
                 )
                 changed.append(body)
             elif mean_nis > limit(history) and self.fit_options is not None:

@@ -104,16 +104,16 @@ class Section(BaseModel):
     __init__.__pydantic_base_init__ = True  # ty: ignore[missing-attribute]
 
     @classmethod
-    def model_validate(cls: type[S], obj: Any, **how: Any) -> S:
+    def model_validate(cls: type[S], obj: Any, **options: Any) -> S:
         """Validate data; as `pydantic.BaseModel`, but a mistake raises ScenarioError with one line per mistake."""
         with raise_scenario_errors(cls):
-            return super().model_validate(obj, **how)
+            return super().model_validate(obj, **options)
 
     @classmethod
-    def model_validate_json(cls: type[S], json_data: str | bytes | bytearray, **how: Any) -> S:
+    def model_validate_json(cls: type[S], json_data: str | bytes | bytearray, **options: Any) -> S:
         """Validate JSON; as `pydantic.BaseModel`, but a mistake raises ScenarioError with one line per mistake."""
         with raise_scenario_errors(cls):
-            return super().model_validate_json(json_data, **how)
+            return super().model_validate_json(json_data, **options)
 
     def model_copy(self: S, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> S:
         """Copy with other settings; as `pydantic.BaseModel`, but the updates are validated."""

@@ -87,9 +87,9 @@ class Scenario(Named):
     @model_validator(mode="after")
     def _consistent(self) -> Scenario:
         """Refuse settings that contradict each other; report all contradictions."""
-        wrong = consistency_errors(self.model_dump())
-        if wrong:
-            raise as_validation_error(wrong)
+        errors = consistency_errors(self.model_dump())
+        if errors:
+            raise as_validation_error(errors)
         return self
 
     @property

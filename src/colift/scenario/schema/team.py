@@ -94,7 +94,7 @@ class Agent(Named):
     type: Name
     """A name in `agent_types`."""
     yaw_deg: fields.Degrees = 0.0
-    """Constant heading of the agent."""
+    """Constant yaw angle of the agent."""
     contact_positions_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MAX_ENTRIES)]
     """Contact points on the payload, in the order of the arms of the type; payload frame."""
 
