@@ -48,6 +48,9 @@ class Replayed:
     def team(self) -> Team:
         return self.world.team
 
+    def sample_noise(self, key: Any, ticks: int) -> Any:
+        return self.world.sample_noise(key, ticks)
+
     def measure_at_rest(self, state: State) -> Measurement:
         return self.world.measure_at_rest(state)
 
