@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from colift.closed_loop import part_checks
 from colift.models import grasp
 from colift.models.parameters import AerialManipulator, Team
 from colift.onboard import controller, interfaces
@@ -139,8 +140,8 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     )
     user_defined = {
         name: build_plugin(part, f"plugins.{name}", kind, default)
-        for name, kind in CONTROLLER_PARTS.items()
-        if (part := getattr(settings.plugins, name)) is not None
+        for name, kind in part_checks.CONTROLLER_PARTS.items()
+        if (part := getattr(settings.plugins, name, None)) is not None
     }
     return dataclasses.replace(default, **user_defined)
 
@@ -247,12 +248,3 @@ def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:
     if nominal is None:
         return actuator_compensation.NoCompensation()
     return actuator_compensation.LagInversion(lag=actuator_lag(nominal, settings))
-
-
-CONTROLLER_PARTS: dict[str, type] = {
-    "payload_controller": interfaces.PayloadController,
-    "allocator": interfaces.Allocator,
-    "agent_controller": interfaces.AgentController,
-    "estimator": interfaces.Estimator,
-    "residual_predictor": interfaces.ResidualPredictor,
-}

@@ -24,7 +24,7 @@ import webbrowser
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import xarray as xr
 
@@ -32,6 +32,7 @@ from colift.analysis import feasibility, metrics
 from colift.closed_loop import flight as closed_loop_flight
 from colift.closed_loop import log, part_checks
 from colift.closed_loop.flight import FlightResult
+from colift.closed_loop.simulator import WorldT
 from colift.runtime import atomic_write
 from colift.scenario import Scenario, experiment, loading
 from colift.scenario.experiment import ALL_CASES, PAPER_CASES, case_id
@@ -40,12 +41,13 @@ from colift.workflows import study
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+T = TypeVar("T")
 MAX_LINES = 30
 """Lines of a representation in a notebook, at most."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Experiment(closed_loop_flight.Experiment):
+class Experiment(closed_loop_flight.Experiment[WorldT]):
     """Definition of one flight, and the scenario and case from which it was made.
 
     Attributes:
@@ -217,12 +219,11 @@ def make_experiment(scenario: Scenario, case: str = "C3") -> Experiment:
 
     Raises:
         KeyError: If there is no such case.
-        ScenarioError: If the team cannot hold the payload or hover.
+        ScenarioError: If the team cannot hold the payload or hover, or if a user-defined part does not fit its
+            interface.
     """
     name = case_id(case)
-    made = experiment.make_experiment(scenario, name)
-    fields = {field.name: getattr(made, field.name) for field in dataclasses.fields(made)}
-    return Experiment(**fields, scenario=scenario, case=name)
+    return _extend(Experiment, experiment.make_experiment(scenario, name), scenario=scenario, case=name)
 
 
 def run_experiment(
@@ -246,8 +247,7 @@ def run_experiment(
     part_checks.check_parts(experiment)
     with _progress(progress, experiment.case, experiment.duration) as report:
         result = closed_loop_flight.run_experiment(experiment, report)
-    fields = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
-    return Flight(**fields, experiment=experiment)
+    return _extend(Flight, result, experiment=experiment)
 
 
 def run_batch(experiments: Sequence[Experiment], progress: bool = False) -> tuple[Flight, ...]:
@@ -303,6 +303,12 @@ def run_study(
         shown = study.run_study(scenario, directory, experiments, preview, report)
     _, datasets = log.load_flights(folder, tuple(shown["cases"]))
     return Study(path=folder, summary=shown, datasets=datasets)
+
+
+def _extend(kind: type[T], value: Any, **more: Any) -> T:
+    """Return a value of a dataclass that extends the dataclass of another value by some fields."""
+    inherited = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    return kind(**inherited, **more)
 
 
 @contextmanager
