@@ -14,7 +14,7 @@ from pydantic import (
 
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
-from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _nonzero
+from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _ascending, _nonzero
 
 
 class _MassProperties(Section):
@@ -46,6 +46,16 @@ class _Joint(Section):
     """Roll, pitch, yaw of the joint frame in the parent frame at joint position 0: R_z(yaw) R_y(pitch) R_x(roll)."""
     axis: Annotated[fields.Axis, AfterValidator(_nonzero)]
     """Direction of the axis in the joint frame; it is normalized."""
+    position_limits: Annotated[
+        tuple[fields.JointAngle, fields.JointAngle] | None,
+        AfterValidator(_ascending),
+        fields.unit("rad; m for a prismatic joint"),
+    ] = None
+    """Smallest and largest joint position; not enforced, `check` and `study` report violations; default: none."""
+    max_speed_radps: fields.JointRate | None = None
+    """Largest joint velocity, in m/s for a prismatic joint; not enforced, `study` reports violations; default: none."""
+    max_torque_Nm: fields.JointEffort | None = None
+    """Largest joint torque, in N for a prismatic joint; not enforced, `study` reports violations; default: none."""
     body: Body
     """Body that the joint moves."""
 
