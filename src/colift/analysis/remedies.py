@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from colift.analysis import stability
+from colift.analysis import joint_limits, stability
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import State
@@ -304,8 +304,7 @@ def nominal_position_changes(settings: Scenario, name: str | None = None) -> Ite
                 )
                 types = settings.agent_types | {kind: changed_type}
                 yield (
-                    f"--set agent_types.{kind}.joints.{joint.name}.nominal_position_rad={value} "
-                    f"(of a type from URDF agent_types.{kind}.nominal_position_rad.{joint.name}={value})",
+                    f"--set {joint_limits.nominal_position_path(settings, kind, joint)}={value}",
                     settings.model_copy(update={"agent_types": types}),
                 )
 

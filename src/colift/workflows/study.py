@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift.analysis import metrics
+from colift.analysis import joint_limits, learning_benefit, metrics
 from colift.analysis.feasibility import FeasibilityReport
 from colift.certification import assumptions
 from colift.closed_loop import log
@@ -103,6 +103,8 @@ def run_study(
         data[case] = flight_dataset(settings, case, flight, experiment, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
         found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
+        signals = (np.asarray(getattr(flight.records, name)) for name in ("t", "r", "r_dot", "tau_r"))
+        found["warnings"] += joint_limits.flight_violations(settings, *signals)
         found["wall_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found
         if flight.updates:
@@ -112,6 +114,9 @@ def run_study(
             frozen = generalization.freeze_model(variants[case], flight.model)
             heldout_flight = run_experiment(frozen, lambda t, title=title: progress(title, t))
             summary["heldout"].setdefault(case, {})[path] = _heldout_summary(heldout_flight)
+    summary["comparison_warnings"] = [
+        f"{case}: {text}" for case, text in learning_benefit.comparison_warnings(settings, summary["cases"])
+    ]
     summary["bound"] = _bound_statements(first)
     summary["residual"] = summary["cases"][list(experiments)[-1]]["residual"]
     start = time.perf_counter()

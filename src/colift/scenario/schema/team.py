@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import (
     AfterValidator,
     Field,
+    PrivateAttr,
 )
 
 from colift.scenario import fields
@@ -103,6 +104,16 @@ class AgentType(Section):
     """Joints, parents before children."""
     arms: Annotated[tuple[Arm, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Arms, one contact each."""
+    _from_file: bool = PrivateAttr(default=False)
+
+    @property
+    def from_file(self) -> bool:
+        """True if the scenario file refers to a URDF file; the settings of joints then have other paths."""
+        return self._from_file
+
+    def mark_as_from_file(self) -> None:
+        """Record that the scenario file refers to a URDF file."""
+        self._from_file = True
 
 
 class Agent(Section):
