@@ -5,12 +5,15 @@ from __future__ import annotations
 import enum
 import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from colift.cli import common
 from colift.cli.scenario import require_suffix, write_new
+
+if TYPE_CHECKING:
+    from colift.scenario.vehicle_import import VehicleOptions
 
 
 class CoupledJointsOption(enum.StrEnum):
@@ -27,6 +30,33 @@ class InertiaOption(enum.StrEnum):
     balanced = "balanced"
 
 
+FrozenOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--frozen",
+        metavar="JOINT",
+        help="Joint of the file to fix; repeatable, or separated by commas; default: rotors, fingers and joints "
+        "that carry no tip.",
+    ),
+]
+TipsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tips",
+        metavar="LINK",
+        help="Link of the file that holds the payload; repeatable, or separated by commas; default: the last link "
+        "of each arm.",
+    ),
+]
+MimicOption = Annotated[
+    CoupledJointsOption | None, typer.Option("--mimic", help="Treatment of joints that follow another one.")
+]
+BalanceOption = Annotated[
+    InertiaOption | None,
+    typer.Option("--inertia", help="Treatment of inertias that violate the triangle inequality; default: strict."),
+]
+
+
 def init(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, such as my_team.yaml.")],
     agents: Annotated[
@@ -40,31 +70,13 @@ def init(
     urdf: Annotated[
         Path | None, typer.Option("--urdf", metavar="FILE", help="Read the agent's model from a URDF file instead.")
     ] = None,
-    frozen: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--frozen",
-            metavar="JOINT",
-            help="Joint of the file to fix; repeatable, or separated by commas; default: rotors, fingers and joints "
-            "that carry no tip.",
-        ),
+    mjcf: Annotated[
+        Path | None, typer.Option("--mjcf", metavar="FILE", help="Read the agent's model from an MJCF file instead.")
     ] = None,
-    tips: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--tips",
-            metavar="LINK",
-            help="Link of the file that holds the payload; repeatable, or separated by commas; default: the last link "
-            "of each arm.",
-        ),
-    ] = None,
-    mimic: Annotated[
-        CoupledJointsOption | None, typer.Option("--mimic", help="Treatment of joints that follow another one.")
-    ] = None,
-    inertia: Annotated[
-        InertiaOption | None,
-        typer.Option("--inertia", help="Treatment of inertias that violate the triangle inequality; default: strict."),
-    ] = None,
+    frozen: FrozenOption = None,
+    tips: TipsOption = None,
+    mimic: MimicOption = None,
+    inertia: BalanceOption = None,
 ) -> None:
     """Write a commented scenario as a starting point.
 
@@ -73,51 +85,62 @@ def init(
     from colift.scenario import template
 
     require_suffix(file)
+    if urdf is not None and mjcf is not None:
+        common.fail(f"--mjcf {mjcf}: must be left out with --urdf")
+    name, vehicle = template.scenario_name(file), urdf or mjcf
     try:
-        name, notes = template.scenario_name(file), ()
-        if urdf is None:
+        if vehicle is None:
             _refuse_without_file(frozen=frozen, tips=tips, mimic=mimic, inertia=inertia)
             arms = 2 if arms is None else arms
             agents = (2 if arms == 2 else 3) if agents is None else agents
-            text = template.scenario_template(name, agents, arms)
+            text, notes = template.scenario_template(name, agents, arms), ()
         else:
             if arms is not None:
-                common.fail(f"--arms {arms}: must be left out with --urdf, whose file defines the arms")
-            text, agents, notes = _from_vehicle(name, agents, urdf, file.parent, frozen, tips, mimic, inertia)
-        if file.exists():
-            common.fail(f"{file}: exists; it is not overwritten")
-        write_new(file, text)
+                option = "--urdf" if mjcf is None else "--mjcf"
+                common.fail(f"--arms {arms}: must be left out with {option}, whose file defines the arms")
+            choices = _options(frozen, tips, mimic, inertia)
+            text, agents, notes = _from_vehicle(name, agents, vehicle, file.parent, choices, mjcf is not None)
+        _write(file, text)
     except (ValueError, OSError) as error:
         common.fail(error)
     with common.guard_output():
         print("\n".join([*notes, f"{file}: {agents} agents; next: colift check {shlex.quote(str(file))}"]))
 
 
+def _write(file: Path, text: str) -> None:
+    """Write the scenario; end the command if the file exists."""
+    if file.exists():
+        common.fail(f"{file}: exists; it is not overwritten")
+    write_new(file, text)
+
+
 def _refuse_without_file(**options: object) -> None:
     """End the command if an option is given that applies to the vehicle of a file."""
     for name, value in options.items():
         if value is not None:
-            common.fail(f"--{name}: must be used with --urdf")
+            common.fail(f"--{name}: must be used with --urdf or --mjcf")
 
 
-def _from_vehicle(
-    name: str,
-    agents: int | None,
-    vehicle: Path,
-    folder: Path,
-    frozen: list[str] | None,
-    tips: list[str] | None,
-    mimic: CoupledJointsOption | None,
-    inertia: InertiaOption | None,
-) -> tuple[str, int, tuple[str, ...]]:
-    """Return text, number of agents and notes of a scenario with the vehicle of a file."""
+def _options(
+    frozen: list[str] | None, tips: list[str] | None, mimic: CoupledJointsOption | None, inertia: InertiaOption | None
+) -> VehicleOptions:
+    """Return the choices for the vehicle of a file."""
     from colift.scenario import vehicle_import
 
-    options = vehicle_import.VehicleOptions(
+    return vehicle_import.VehicleOptions(
         frozen=None if frozen is None else tuple(filter(None, common.split_values(frozen))),
         tips=tuple(common.split_values(tips or [])),
         mimic=None if mimic is None else mimic.value,
         inertia="strict" if inertia is None else inertia.value,
     )
-    generated = vehicle_import.from_urdf_file(name, agents, vehicle, folder, options)
+
+
+def _from_vehicle(
+    name: str, agents: int | None, vehicle: Path, folder: Path, options: VehicleOptions, is_mjcf: bool
+) -> tuple[str, int, tuple[str, ...]]:
+    """Return text, number of agents and notes of a scenario with the vehicle of a file."""
+    from colift.scenario import vehicle_import
+
+    read = vehicle_import.from_mjcf_file if is_mjcf else vehicle_import.from_urdf_file
+    generated = read(name, agents, vehicle, folder, options)
     return generated.text, generated.agents, generated.notes

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,12 +18,12 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from colift.models import aerial_manipulator, grasp, joint_roles, urdf_parser
+from colift.models import aerial_manipulator, grasp, joint_roles, mjcf_import, urdf_parser
 from colift.models.joint_roles import JointRoles
 from colift.models.link_tree import ChoiceRequiredError, CoupledJoints, InertiaRule, LinkJoint, LinkTree, reduce_tree
 from colift.models.parameters import AerialManipulator
 from colift.models.robot import Robot, make_agent
-from colift.scenario import loading, names
+from colift.scenario import from_urdf, loading, names
 from colift.scenario.errors import ScenarioError, unknown_name_message
 from colift.scenario.scaling import vehicle_scale
 from colift.scenario.template import MAX_AGENTS, VehicleTemplate, scenario_text
@@ -94,6 +95,29 @@ def from_urdf_file(
     """
     vehicle = _vehicle(urdf_parser.read_urdf(file), options)
     return _generated(name, agents, vehicle, folder, lambda thrust: _urdf_section(vehicle, file, folder, thrust))
+
+
+def from_mjcf_file(
+    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = PROPOSED
+) -> GeneratedScenario:
+    """Generate a scenario with agents from an MJCF file, in plain numbers.
+
+    Args:
+        name: Name of the scenario.
+        agents: Number of agents; None for the smallest team that can rotate the plate about every axis.
+        file: MJCF file.
+        folder: Folder of the scenario.
+        options: Choices of the user.
+
+    Returns:
+        The scenario.
+
+    Raises:
+        OSError: If the file cannot be read.
+        ValueError: As `from_urdf_file`, and if MuJoCo is not installed or does not accept the file.
+    """
+    vehicle = _vehicle(mjcf_import.read_mjcf(file), options)
+    return _generated(name, agents, vehicle, folder, lambda thrust: _plain_section(vehicle, thrust))
 
 
 def _generated(
@@ -247,6 +271,17 @@ def _urdf_section(vehicle: _Vehicle, file: Path, folder: Path, thrust: float) ->
         offset = f", tip_position_m: {list(tip.offset)}" if any(tip.offset) else ""
         lines.append(f"      - {{link: {_quoted(tip.link)}, name: hand_{k + 1}{offset}}}")
     return "\n".join(lines) + "\n" + _rests(vehicle)
+
+
+def _plain_section(vehicle: _Vehicle, thrust: float) -> str:
+    """Generate an agent type in plain numbers."""
+    tips = [(f"hand_{k + 1}", *vehicle.robot.tip(tip.link, tip.offset)) for k, tip in enumerate(vehicle.roles.tips)]
+    numbers = from_urdf.agent_type_numbers(vehicle.robot, float(f"{thrust:.3g}"), tips, vehicle.rest)
+    lines = [f"    base: {json.dumps(numbers['base'])}", f"    thrust_max_N: {thrust:.3g}"]
+    for section in ("joints", "arms"):
+        entries = [f"      - {json.dumps(entry)}" for entry in numbers[section]]
+        lines += [f"    {section}:", *entries] if entries else []
+    return "\n".join(lines) + "\n"
 
 
 def _rests(vehicle: _Vehicle) -> str:

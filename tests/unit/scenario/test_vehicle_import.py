@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from click.testing import Result
@@ -11,6 +12,8 @@ from typer.testing import CliRunner
 
 from colift import scenario
 from colift.cli.app import app
+from colift.models import aerial_manipulator
+from colift.scenario import team
 
 LINK = """<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{m}"/>
 <inertia ixx="{a}" iyy="{a}" izz="{c}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -153,7 +156,7 @@ def test_what_cannot_be_written_is_refused_in_one_line(
 
 def test_options_for_a_file_need_one(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["init", str(tmp_path / "t.yaml"), "--frozen", "a"])
-    assert (done.exit_code, done.stderr) == (2, "--frozen: must be used with --urdf\n")
+    assert (done.exit_code, done.stderr) == (2, "--frozen: must be used with --urdf or --mjcf\n")
 
 
 def test_odd_names_are_quoted(tmp_path: Path) -> None:
@@ -162,3 +165,77 @@ def test_odd_names_are_quoted(tmp_path: Path) -> None:
     made, done = init(tmp_path, BASE + link(odd) + joint(odd, "base", odd))
     assert done.exit_code == 0, done.stderr
     assert len(scenario.load_scenario(made).agent_types["vehicle"].joints) == 1
+
+
+MJCF = """<mujoco><compiler angle="radian" inertiafromgeom="false"/>
+<asset><mesh name="m" file="none.obj"/><material name="grey"/></asset>
+<worldbody><geom type="plane" size="1 1 1" material="grey"/>
+<body name="uav" pos="0 0 1"><freejoint/><geom type="mesh" mesh="m"/>
+  <inertial pos="0 0 0.01" mass="2" diaginertia="0.02 0.02 0.035"/>
+  <body name="upper" pos="0 0 -0.05" quat="0.7071067811865476 0 0 0.7071067811865476">
+    <joint name="shoulder" type="hinge" axis="1 0 0" pos="0 0 0.01" range="-1 1" limited="true" damping="0.1"/>
+    <inertial pos="0 0 -0.08" mass="0.15" diaginertia="3e-4 3e-4 3e-5"/>
+    <body name="fore" pos="0 0 -0.16">
+      <joint name="elbow" type="hinge" axis="0 1 0"/>
+      <inertial pos="0.01 0 -0.07" mass="0.1" diaginertia="2e-4 2e-4 2e-5"/>
+      <site name="tool_tip" pos="0 0 -0.14"/>
+    </body></body></body></worldbody></mujoco>"""
+
+
+def init_mjcf(folder: Path, text: str) -> tuple[Path, Result]:
+    file, made = folder / "vehicle.xml", folder / "mine.yaml"
+    file.write_text(text, encoding="utf-8")
+    return made, CliRunner().invoke(app, ["init", str(made), "--mjcf", str(file)])
+
+
+def test_an_mjcf_vehicle_has_the_mass_matrix_of_mujoco(tmp_path: Path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    made, done = init_mjcf(tmp_path, MJCF)
+    assert done.exit_code == 0, done.output
+    settings = scenario.load_scenario(made)
+    kind = settings.agent_types["vehicle"]
+    assert [joint.name for joint in kind.joints] == ["shoulder", "elbow"]
+    assert kind.joints[0].position_limits == (-1.0, 1.0)
+    agent = team.agent_models(settings)["vehicle"]
+    r = np.array([0.3, -0.7])
+    found = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, jnp.asarray(r)))
+
+    spec = mujoco.MjSpec.from_string(MJCF.replace('<geom type="mesh" mesh="m"/>', "").replace('file="none.obj"', MESH))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *r]
+    mujoco.mj_forward(model, data)
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    lin, mixed, own = full[:3, :3], full[:3, 3:], full[3:, 3:]
+    np.testing.assert_allclose(found.M_bar, own - mixed.T @ np.linalg.solve(lin, mixed), atol=1e-12)
+    np.testing.assert_allclose(found.com_from_base, data.subtree_com[1], atol=1e-12)
+    np.testing.assert_allclose(found.tip_from_com[0] + found.com_from_base, data.site("tool_tip").xpos, atol=1e-12)
+
+
+MESH = 'vertex="0 0 0 1 0 0 0 1 0 0 0 1"'
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "answer"),
+    [
+        (
+            "<freejoint/>",
+            "<freejoint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/></body><body name='other'><freejoint/>",
+            "one vehicle is required",
+        ),
+        ('type="hinge" axis="0 1 0"', 'type="ball"', "body 'fore' has a joint that is neither a hinge nor a slide"),
+        (
+            "</worldbody>",
+            "</worldbody><equality><weld name='w' body1='fore' body2='uav'/></equality>",
+            "'w' closes a loop",
+        ),
+        ("<mujoco>", "<mujoco><x/>", "MuJoCo: "),
+    ],
+)
+def test_an_mjcf_file_without_a_vehicle_is_refused(written: str, instead: str, answer: str, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    made, done = init_mjcf(tmp_path, MJCF.replace(written, instead, 1))
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
+    assert answer in done.stderr
+    assert not made.exists()
