@@ -34,6 +34,7 @@ from colift.scenario import (
 
 MAX_GRASP_CONDITION = 30.0  # of the grasp matrix with moments divided by the RMS distance of the contacts
 MIN_DELAY_MARGIN = 0.002  # s, typical delay of a bus and a flight controller
+MAX_LINEARIZED_JOINTS = 10  # of an agent; the time of compilation grows with them
 SAMPLE_TIMES = 400  # times on the reference at which the required thrust is evaluated
 
 
@@ -123,6 +124,11 @@ def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _
                 Finding("refused", str(error), {}, remedies.advice_for_rejection(settings, str(error), progress)),
             ),
         )
+    largest = max(len(settings.agent_types[agent.type].joints) for agent in settings.agents)
+    if largest > MAX_LINEARIZED_JOINTS:
+        message = f"not evaluated: the linearization for an agent with {largest} joints takes minutes"
+        advice = f"use agents with at most {MAX_LINEARIZED_JOINTS} joints, or simulate the team with `colift study`"
+        return PreflightReport(settings.name, (*findings, Finding("mode", message, {"stable": None}, (advice,))))
     progress("linearization at equilibrium")
     try:
         x, M = stability.equilibrium_and_jacobian(flight_experiment, z)

@@ -136,7 +136,7 @@ TWO_HANDS = "".join(link(f"h{k}") + joint(f"h{k}", "base", f"h{k}", xyz=f"0 {0.2
         (
             BASE + CHAIN,
             (),
-            "20 joints move, up to 16 are possible: fix the other ones with --frozen, for example joint 'j16'",
+            "20 joints move, up to 10 are possible: fix the other ones with --frozen, for example joint 'j10'",
         ),
         (BASE + TWO_HANDS, (), "2 joints are too few for 2 tips (links 'h0', 'h1'): 3 or more are required"),
         (BASE + ARM, ("--frozen", "elbow"), "--frozen: 'elbow' is not a joint that moves (shoulder, el/bow)"),
