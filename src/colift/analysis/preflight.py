@@ -9,30 +9,32 @@ See Also:
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from colift.analysis import remedies, stability
+from colift.analysis import joint_limits, learning_benefit, reference_loads, remedies, stability
 from colift.closed_loop import flight
-from colift.math import so3
-from colift.math.linalg import matmul, transpose
 from colift.models import grasp
 from colift.models.parameters import Team
-from colift.models.state import PayloadState, State, Wrench
-from colift.onboard import controller
+from colift.models.state import State
 from colift.onboard.control import label_feedback
-from colift.scenario import Scenario, ScenarioError, controllers, experiment, initial_states, team, termination
-from colift.simulation import disturbances
+from colift.scenario import (
+    Scenario,
+    ScenarioError,
+    controllers,
+    experiment,
+    initial_states,
+    structure,
+    team,
+    termination,
+)
 
 MAX_GRASP_CONDITION = 30.0  # of the grasp matrix with moments divided by the RMS distance of the contacts
 MIN_DELAY_MARGIN = 0.002  # s, typical delay of a bus and a flight controller
+MAX_LINEARIZED_JOINTS = 10  # of an agent; the time of compilation grows with them
 SAMPLE_TIMES = 400  # times on the reference at which the required thrust is evaluated
 
 
@@ -107,13 +109,19 @@ def run_preflight(
     """
     truth, nominal = team.team(settings)
     findings = [_mass(settings, truth, nominal)]
+    if errors := structure.structural_errors(settings, truth):
+        refused = Finding(
+            "build", "; ".join(error.message for error in errors), {}, tuple(error.advice for error in errors)
+        )
+        return PreflightReport(settings.name, (*findings, refused))
     try:
         findings.append(_contacts(settings, truth))
         progress("team")
         flight_experiment = experiment.make_experiment(settings, "C1")
         z = initial_states.equilibrium_state(settings, truth)
         findings.append(_thrust(settings, flight_experiment, z, thrust_margin))
-        findings += [*_joints(settings, truth, z), *_labels(settings, nominal)]
+        findings += [*_joints(settings, truth, z), *_limits(settings, z), *_labels(settings, nominal)]
+        findings += _learnable(settings, flight_experiment, z)
     except ScenarioError as error:
         return PreflightReport(
             settings.name,
@@ -121,6 +129,13 @@ def run_preflight(
                 *findings,
                 Finding("build", str(error), {}, remedies.advice_for_rejection(settings, str(error), progress)),
             ),
+        )
+    largest = max(len(settings.agent_types[agent.type].joints) for agent in settings.agents)
+    if largest > MAX_LINEARIZED_JOINTS:
+        message = f"not evaluated: the linearization for an agent with {largest} joints takes minutes"
+        advice = f"use agents with at most {MAX_LINEARIZED_JOINTS} joints, or simulate the team with `colift study`"
+        return PreflightReport(
+            settings.name, (*findings, Finding("slowest mode", message, {"stable": None}, (advice,)))
         )
     progress("linearization at equilibrium")
     try:
@@ -260,16 +275,23 @@ def _joints(settings: Scenario, truth: Team, state: State) -> Iterator[Finding]:
     for name, agent, r, _ in grasp.iter_agents(truth, state, team.agent_names(settings)):
         if conditions[name] > remedies.MAX_JACOBIAN_CONDITION and len(r):
             k = int(np.argmax(grasp.grasp_jacobian_svd(agent, r)[1]))
-            joint = settings.agent_types[agent_types[name]].joints[k].name
+            joint = settings.agent_types[agent_types[name]].joints[k]
             advice.append(
-                f"{name}: move the nominal position of joint {joint} away from {float(r[k]):.3g} "
-                f"(agent_types.{agent_types[name]}.joints.{k}.nominal_position_rad; "
-                f"of a type from URDF .nominal_position_rad.{joint}), or move its contact"
+                f"{name}: move the nominal position of joint {joint.name} away from {float(r[k]):.3g} "
+                f"({joint_limits.nominal_position_path(settings, agent_types[name], joint)}), or move its contact"
             )
     if any(len(settings.agent_types[agent_type].joints) for agent_type in agent_types.values()):
         worst = max(conditions, key=lambda name: conditions[name])
         message = f"largest condition number of the grasp Jacobians {conditions[worst]:.3g} ({worst})"
         yield Finding("joints", message, {"condition_number": conditions}, tuple(advice))
+
+
+def _limits(settings: Scenario, state: State) -> Iterator[Finding]:
+    """Check the nominal and equilibrium positions of joints against their limits."""
+    equilibrium = np.concatenate([np.asarray(group.r).ravel() for group in state.agents])
+    sentences, advice = joint_limits.position_violations(settings, equilibrium)
+    if sentences:
+        yield Finding("joint limits", "; ".join(sentences), {"violations": list(sentences)}, advice)
 
 
 def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, margin: float) -> Finding:
@@ -280,7 +302,7 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, mar
     hover = termination.true_hover_thrust(
         settings, experiment.world.team, experiment.controller, experiment.world.disturbances
     )
-    reference_thrust = thrust_profile(experiment, state, t)
+    reference_thrust = reference_loads.thrust_profile(experiment, state, t)
     margins = [1 - hover / available, 1 - reference_thrust.max(0) / available]
     smallest = [int(np.argmin(values)) for values in margins]
     worst_time = float(t[int(np.argmax(reference_thrust[:, smallest[1]]))])
@@ -298,8 +320,10 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, mar
                 )
             else:  # the total thrust is too small
                 proposal += ", lower payload.mass_kg, or add an agent"
-            if k == 1 and hover_ok:
-                proposal += ", or use a slower or smaller reference (reference.period_s, amplitude_m)"
+            if k == 1 and hover_ok and settings.reference.kind == "lissajous":
+                proposal += ", or use a slower or smaller reference (reference.period_s, reference.amplitude_m)"
+            elif k == 1 and hover_ok:
+                proposal += ", or use a slower reference"
             advice.append(proposal)
     return Finding(
         "thrust",
@@ -315,57 +339,20 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, mar
     )
 
 
-def thrust_profile(experiment: flight.Experiment, state: State, t: np.ndarray) -> np.ndarray:
-    """Compute the thrust that every agent needs along the reference.
-
-    The team is assumed to follow the reference in its equilibrium configuration. Contributions of joint motion, agent
-    attitudes and tracking errors are neglected.
-
-    Args:
-        experiment: Experiment with team, controller and disturbances.
-        state: Equilibrium of the team.
-        t: Times [s].
-
-    Returns:
-        Thrust `(times, agents)` [N].
-    """
-    return np.asarray(
-        _along(experiment.world.team, experiment.controller, experiment.world.disturbances, state, jnp.asarray(t))
-    )
-
-
-@jax.jit
-@functools.partial(jax.vmap, in_axes=(None, None, None, None, 0))
-def _along(
-    team: Team,
-    onboard_controller: controller.LeaderFollowerController,
-    sources: disturbances.DisturbanceSet,
-    state: State,
-    t: Array,
-) -> Float[Array, "agents"]:
-    """Compute the thrust of every agent at one time on the reference."""
-    d, g, payload = onboard_controller.reference.evaluate(t), team.gravity, team.payload
-    omega_hat = so3.hat(d.omega)
-    rotation_acceleration = matmul(d.R, so3.hat(d.omega_dot) + matmul(omega_hat, omega_hat))
-    agents, accelerations = [], []
-    for group, q in zip(team.agent_groups, state.agents, strict=True):
-        c = group.contact_position.mean(1)
-        shift = (d.p - state.payload.p)[None] + c @ transpose(d.R - state.payload.R)
-        agents.append(dataclasses.replace(q, x=q.x + shift, v=d.v[None] + c @ transpose(matmul(d.R, omega_hat))))
-        accelerations.append(d.a[None] + c @ transpose(rotation_acceleration))
-    displaced = State(agents=tuple(agents), payload=PayloadState(p=d.p, R=d.R, v=d.v, omega=d.omega))
-    f = disturbances.initial_forces(sources, team, displaced)
-    angular_rate = payload.inertia @ d.omega_dot + so3.cross(d.omega, payload.inertia @ d.omega)
-    W = Wrench(F=payload.mass * (d.a - g) - f.payload.F, tau=angular_rate - f.payload.tau)
-    steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    lam = onboard_controller.allocator.allocate(
-        controller.context_at(onboard_controller, displaced, jnp.zeros(6), t), W, steady
-    ).lam
-    parts = zip(team.agent_groups, grasp.split_contacts(team, lam), accelerations, f.agents, strict=True)
-    required = [
-        force.sum(1) + group.mass.sum(1, keepdims=True) * (a - g[None]) - f_j.f_x for group, force, a, f_j in parts
-    ]
-    return jnp.linalg.norm(jnp.concatenate(required), axis=1)
+def _learnable(settings: Scenario, experiment: flight.Experiment, state: State) -> Iterator[Finding]:
+    """Report label errors that exceed what is to be learned; not evaluated with random residuals."""
+    if settings.random_residual is not None:
+        return
+    world = experiment.world
+    t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
+    payload, agents = reference_loads.residual_forces(experiment, state, t)
+    names = team.agent_names(settings)
+    found = learning_benefit.label_quality(settings, world.team, names, payload, agents)
+    if message := learning_benefit.describe_exceeded(found):
+        values = {
+            each.name: {"residual_N": each.residual, "bias_N": each.bias, "noise_N": each.noise} for each in found
+        }
+        yield Finding("learning", message, {"label_errors": values})
 
 
 def _rate(modes: stability.Modes) -> str:

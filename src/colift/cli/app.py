@@ -19,7 +19,7 @@ try:
     import typer
     from typer.core import TyperGroup
 
-    from colift.cli import certify, common, export, scenario, study, view
+    from colift.cli import certify, common, export, init, scenario, study, view
     from colift.runtime import signals
 except KeyboardInterrupt:  # `main` does not handle signals yet
     sys.exit(130)
@@ -87,7 +87,7 @@ COMMANDS = (
     ),
     (
         "init",
-        scenario.init,
+        init.init,
         SCENARIOS,
         ("colift init my_team.yaml --agents 3 --arms 1", "colift init my_team.yaml --urdf vehicle.urdf"),
     ),

@@ -1,11 +1,10 @@
-"""Commands on scenario files: list, print-config, init, migrate, check and tune."""
+"""Commands on scenario files: list, print-config, migrate, check and tune."""
 
 from __future__ import annotations
 
 import difflib
 import json
 import os
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -58,44 +57,15 @@ def print_config(
         print(text, end="")
 
 
-def init(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, such as my_team.yaml.")],
-    agents: Annotated[int, typer.Option("--agents", help="Number of agents.")] = 2,
-    arms: Annotated[
-        int | None,
-        typer.Option("--arms", help="Arms of each agent: 0 (the base holds the payload itself), 1 or 2; default: 2."),
-    ] = None,
-    urdf: Annotated[
-        Path | None, typer.Option("--urdf", metavar="FILE", help="Read the agent's model from a URDF file instead.")
-    ] = None,
-) -> None:
-    """Write a commented scenario as a starting point.
-
-    No file is overwritten. Run ``colift check`` after every edit of the file.
-    """
+def require_suffix(file: Path) -> None:
+    """End the command if the name of a file is not that of a scenario."""
     from colift import scenario
-    from colift.scenario import template
 
-    try:
-        if file.suffix not in scenario.SUFFIXES:
-            common.fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
-        if urdf is not None and arms is not None:
-            common.fail(f"--arms {arms}: must be omitted with --urdf, whose file defines the arms")
-        name = template.scenario_name(file)
-        if urdf is None:
-            text = template.scenario_template(name, agents, 2 if arms is None else arms)
-        else:
-            text = template.from_urdf(name, agents, urdf, file.parent)
-        if file.exists():
-            common.fail(f"{file}: exists; it is not overwritten")
-        _write_new(file, text)
-    except (ValueError, OSError) as error:
-        common.fail(error)
-    with common.guard_output():
-        print(f"{file}: {agents} agents; next: colift check {shlex.quote(str(file))}")
+    if file.suffix not in scenario.SUFFIXES:
+        common.fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
 
 
-def _write_new(file: Path, text: str) -> None:
+def write_new(file: Path, text: str) -> None:
     """Write a file that must not exist yet; fail with OSError if it exists."""
     with file.open("x", encoding="utf-8") as opened:
         opened.write(text)
@@ -241,7 +211,7 @@ def tune(
         elif not overrides:
             written = bounded_read.read_text(Path(name).expanduser())
         before, after, budget, values = _search_gains(settings, written, out, quiet)
-        _write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
+        write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
     except (scenario.ScenarioError, ValueError, OSError) as error:
         common.fail(error)
     with common.guard_output():
@@ -296,7 +266,7 @@ def _search_gains(
             values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
     except signals.Interrupted:
         if best:
-            _write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
+            write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
         note = f"the best gains so far are in {out}" if best else f"nothing was written to {out}"
         common.print_warning(f"interrupted; {note}")
         raise

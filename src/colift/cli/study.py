@@ -231,4 +231,6 @@ def print_study(summary: Mapping[str, Any], folder: Path) -> None:
     for case, found in summary["cases"].items():
         for text in found["warnings"]:
             common.print_warning(f"warning: {case}: {text}")
+    for text in summary.get("comparison_warnings", ()):
+        common.print_warning(f"warning: {text}")
     print(f"results in {folder}")

@@ -62,6 +62,8 @@ Axis = tuple[Direction, Direction, Direction]
 JointAngle = Annotated[
     Number, Field(ge=-63, le=63), range_reason("ten revolutions; larger values are probably in degrees")
 ]
+JointRate = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("larger limits mean that there is none")]
+JointEffort = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("the weight of 100 t, or its moment at 1 m")]
 
 # Space and motion -----------------------------------------------------------------------------------------------------
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
-from colift.scenario.errors import Place, ScenarioError
+from colift.scenario.errors import Location, ScenarioError
 
 _LEARNING = "colift.onboard.learning"
 
@@ -86,11 +86,11 @@ RIG_ERROR = 0.1
 """Former default of `learning.rig_label_error`, which had an effect with `label_source: calibration_rig` only."""
 
 
-def relocation_hint(place: Place, value: Any) -> str | None:
+def relocation_hint(place: Location, value: Any) -> str | None:
     """Describe where a former setting is now.
 
     Args:
-        place: Place of the setting; within a section of its own, the last part of the place.
+        place: Location of the setting; within a section of its own, the last part of the place.
         value: Value, whose entries are described for a former section.
 
     Returns:

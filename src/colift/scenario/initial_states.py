@@ -14,7 +14,7 @@ from colift.math.linalg import matmul
 from colift.models import aerial_manipulator, grasp, validation
 from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import AgentState, PayloadState, State
-from colift.scenario import schema, team, trajectories
+from colift.scenario import schema, structure, team, trajectories
 from colift.scenario.conversion import array
 from colift.scenario.errors import ScenarioError
 from colift.simulation import contact_dynamics
@@ -33,9 +33,11 @@ def initial_state(settings: schema.Scenario, truth: Team) -> State:
         Initial state; each agent is above its contacts.
 
     Raises:
-        ScenarioError: If no such state exists nearby (the message contains the remaining error), if a body is not
-            physically consistent, or if the grasp is redundant, singular or not controllable there.
+        ScenarioError: If the team has a structural error (`structure`), if no such state exists nearby (the message
+            contains the remaining error), if a body is not physically consistent, or if the grasp is redundant,
+            singular or not controllable there.
     """
+    structure.check_structure(settings, truth)
     given, d = settings.initial_state, _setpoint(trajectories.make_reference(settings), jnp.zeros(()))
     load = PayloadState(
         p=d.p + array(given.position_error_m),
@@ -51,7 +53,9 @@ def initial_state(settings: schema.Scenario, truth: Team) -> State:
     )
     names = team.agent_names(settings)
     try:
-        z = contact_dynamics.consistent_initial_state(truth, State(agents=agents, payload=load), names)
+        z = contact_dynamics.consistent_initial_state(
+            truth, State(agents=agents, payload=load), names, team.contact_names(settings)
+        )
         validation.validate_team(truth, names)
         grasp.check_grasp(truth, z, names)
         grasp.check_controllability(truth, z, names)

@@ -108,6 +108,8 @@ def parse(text: str, file: str, overrides: Sequence[str] = ()) -> Scenario:
         _add(found, [] if unread else consistency_errors(data))
     else:
         if not found:
+            for name in _types_from_files(tree.data):
+                settings.agent_types[name].mark_as_from_file()
             return settings
     raise _scenario_error(found, tree)
 
@@ -185,6 +187,12 @@ def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[
         errors += [(("reference", *location), message) for location, message in found]
         data = data | {"reference": expanded}
     return data, errors
+
+
+def _types_from_files(data: dict[str, Any]) -> list[str]:
+    """Return the names of the agent types that refer to a file."""
+    kinds = data.get("agent_types")
+    return [name for name, kind in kinds.items() if "urdf" in kind] if isinstance(kinds, dict) else []
 
 
 G = TypeVar("G", bound=Section)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift.analysis import metrics, result_files
+from colift.analysis import joint_limits, learning_benefit, metrics, result_files
 from colift.analysis.feasibility import FeasibilityReport
 from colift.certification import assumptions
 from colift.closed_loop import log
@@ -116,6 +116,8 @@ def run_study(
         data[case] = flight_dataset(settings, case, flight, experiment, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
         found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
+        signals = (np.asarray(getattr(flight.records, name)) for name in ("t", "r", "r_dot", "tau_r"))
+        found["warnings"] += joint_limits.flight_violations(settings, *signals)
         found["wall_time_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found
         if flight.updates:
@@ -128,6 +130,9 @@ def run_study(
     summary["error_bound_assumptions"] = _bound_assumptions(first)
     summary["residual"] = summary["cases"][list(experiments)[-1]]["residual"]
     _merge_summaries(summary, earlier)
+    summary["comparison_warnings"] = [
+        f"{case}: {text}" for case, text in learning_benefit.comparison_warnings(settings, summary["cases"])
+    ]
     data = {case: (earlier_data | data)[case] for case in summary["cases"]}
     for page in PAGES:
         (out.path / page).unlink(missing_ok=True)

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from colift import scenario
-from colift.analysis import preflight, remedies, stability
+from colift.analysis import preflight, reference_loads, remedies, stability
 from colift.cli.app import app
 from colift.scenario import Scenario, experiment, initial_states, team, template, termination
 from tests.support import small_team as light
@@ -101,7 +101,7 @@ def test_thrust_of_constant_reference_is_hover_thrust():
     )
     c1 = experiment.make_experiment(still, "C1")
     truth = c1.world.team
-    path = preflight.thrust_profile(c1, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
+    path = reference_loads.thrust_profile(c1, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
     hover = termination.true_hover_thrust(still, truth, c1.controller, c1.world.disturbances)
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
@@ -114,7 +114,7 @@ def test_thrust_along_reference_accelerates_all_masses():
     settings = light.settings(reference=up, **NO_WIND)
     c1 = experiment.make_experiment(settings, "C1")
     t = np.linspace(0, 10, 7)
-    need = preflight.thrust_profile(c1, initial_states.equilibrium_state(settings, c1.world.team), t).sum(1)
+    need = reference_loads.thrust_profile(c1, initial_states.equilibrium_state(settings, c1.world.team), t).sum(1)
     a = np.array([c1.controller.reference.evaluate(jnp.asarray(x)).a[2] for x in t])
     np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
     assert np.ptp(a) > 0.1

@@ -13,8 +13,8 @@ from pydantic import (
 
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
-from colift.scenario.schema.base import ZERO, Name, Plugin, Section
-from colift.scenario.schema.shared import Centered, Named, Ramp, ResidualNorm
+from colift.scenario.schema.base import ZERO, Name, Plugin
+from colift.scenario.schema.shared import Centered, Named, Ramp, ResidualNorm, Sinusoid
 
 
 class _Disturbance(Named):
@@ -56,7 +56,7 @@ class ConstantWrench(_TorqueDisturbance, _ForceDisturbance):
     """Force, world frame."""
 
 
-class Gust(Section):
+class Gust(Sinusoid):
     """A sinusoidal component of a wind field."""
 
     amplitude_mps: fields.Velocity

@@ -81,6 +81,17 @@ class AttitudeOscillation(Section):
 
     rotation_amplitude_deg: fields.RotationVector = ZERO
     """Amplitude of the attitude oscillation, a rotation vector in the frame of the attitude `rpy_deg`; zero: none."""
+    rotation_period_s: fields.Period | fields.Periods
+    """Period of the attitude oscillation, or its periods by axis."""
+
+
+class Sinusoid(Section):
+    """A sinusoidal function of time, or one for each axis."""
+
+    phase_deg: fields.Degrees | fields.Angles
+    """Phase, or phases by axis."""
+    period_s: fields.Period | fields.Periods | None
+    """Period, or periods by axis."""
 
 
 class ForceMagnitudes(Section):

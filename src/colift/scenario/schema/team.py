@@ -10,11 +10,12 @@ from typing import Annotated, Literal
 from pydantic import (
     AfterValidator,
     Field,
+    PrivateAttr,
 )
 
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
-from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _nonzero
+from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _ascending, _nonzero
 from colift.scenario.schema.shared import Delayed, Located, Mass, Named, Orientation, Ramp
 
 
@@ -41,6 +42,16 @@ class _Joint(Orientation, Located, Named):
     """Position of the joint frame at joint position 0, frame of the parent; `rpy_deg` is its orientation there."""
     axis: Annotated[fields.Axis, AfterValidator(_nonzero)]
     """Direction of the axis in the joint frame; it is normalized."""
+    position_limits: Annotated[
+        tuple[fields.JointAngle, fields.JointAngle] | None,
+        AfterValidator(_ascending),
+        fields.unit("rad; m for a prismatic joint"),
+    ] = None
+    """Smallest and largest joint position; not enforced, `check` and `study` report violations; default: none."""
+    max_speed_radps: fields.JointRate | None = None
+    """Largest joint velocity, in m/s for a prismatic joint; not enforced, `study` reports violations; default: none."""
+    max_torque_Nm: fields.JointEffort | None = None
+    """Largest joint torque, in N for a prismatic joint; not enforced, `study` reports violations; default: none."""
     body: Body
     """Body that the joint moves."""
 
@@ -86,6 +97,16 @@ class AgentType(Section):
     """Joints, parents before children."""
     arms: Annotated[tuple[Arm, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Arms, one contact each."""
+    _from_file: bool = PrivateAttr(default=False)
+
+    @property
+    def from_file(self) -> bool:
+        """True if the scenario file refers to a URDF file; the settings of joints then have other paths."""
+        return self._from_file
+
+    def mark_as_from_file(self) -> None:
+        """Record that the scenario file refers to a URDF file."""
+        self._from_file = True
 
 
 class Agent(Named):

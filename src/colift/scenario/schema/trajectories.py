@@ -14,7 +14,7 @@ from pydantic import (
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Section
-from colift.scenario.schema.shared import AttitudeOscillation, Centered, Located, Orientation, Ramp, RampTime
+from colift.scenario.schema.shared import AttitudeOscillation, Centered, Located, Orientation, Ramp, RampTime, Sinusoid
 
 
 class PathDeparture(AttitudeOscillation, Ramp):
@@ -30,7 +30,7 @@ class PathDeparture(AttitudeOscillation, Ramp):
     """Period of the oscillation."""
 
 
-class Lissajous(AttitudeOscillation, RampTime, Orientation, Centered):
+class Lissajous(AttitudeOscillation, Sinusoid, RampTime, Orientation, Centered):
     """A Lissajous curve `p_d = center + ramp(t) amplitude sin(2 pi t / period + phase)` with oscillating attitude.
 
     The ramp is the rise of all amplitudes from zero. The attitude oscillates about `rpy_deg`.
