@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from colift.analysis import remedies, stability
+from colift.analysis import reference_checks, remedies, stability
 from colift.closed_loop import flight
 from colift.math import so3
 from colift.math.linalg import matmul, transpose
@@ -107,7 +107,8 @@ def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _
         progress("team")
         flight_experiment = experiment.make_experiment(settings, "C1")
         z = initial_states.equilibrium_state(settings, truth)
-        findings += [_thrust(settings, flight_experiment, z), *_joints(settings, truth, z), *_labels(settings, nominal)]
+        findings += [_thrust(settings, flight_experiment, z), *_reference(settings, truth)]
+        findings += [*_joints(settings, truth, z), *_labels(settings, nominal)]
     except ScenarioError as error:
         return PreflightReport(
             settings.name,
@@ -293,7 +294,7 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
             else:  # the total thrust is too small
                 proposal += ", lower payload.mass_kg, or add an agent"
             if k == 1 and hover_ok:
-                proposal += ", or use a slower or smaller reference (reference.period_s, amplitude_m)"
+                proposal += f", or use {reference_checks.slower_reference(settings)}"
             advice.append(proposal)
     return Finding(
         "thrust",
@@ -307,6 +308,12 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
         },
         tuple(advice),
     )
+
+
+def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:
+    """Check overshoot and acceleration of a reference through poses."""
+    if (found := reference_checks.check_reference(settings, truth)) is not None:
+        yield Finding("reference", found.message, found.values, found.advice)
 
 
 def thrust_profile(experiment: flight.Experiment, state: State, t: np.ndarray) -> np.ndarray:
