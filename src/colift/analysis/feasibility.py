@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from colift.analysis import stability
+from colift.analysis import reference_checks, stability
 from colift.closed_loop import flight
 from colift.scenario import Scenario, initial_states, team, termination
 
@@ -51,7 +51,7 @@ def assess_feasibility(
     experiments: Mapping[str, flight.Experiment],
     thrust_margin: float = termination.HOVER_THRUST_MARGIN,
 ) -> FeasibilityReport:
-    """Assess the sampled loop of the first experiment at equilibrium, and the thrust in hover.
+    """Assess the sampled loop of the first experiment at equilibrium, the thrust in hover, and the reference.
 
     Args:
         settings: Scenario.
@@ -80,5 +80,7 @@ def assess_feasibility(
                 f"{name} needs {required:.4g} N of {maximum:.4g} N to hover: the margin of "
                 f"{1 - required / maximum:.1%} is below {thrust_margin:.0%}"
             )
+    if (found := reference_checks.check_reference(settings, truth)) is not None:
+        warnings += found.warnings
     thrust = dict(zip(names, hover.tolist(), strict=True))
     return FeasibilityReport(modes=modes, margins=margins, hover_thrust=thrust, warnings=tuple(warnings))

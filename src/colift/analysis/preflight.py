@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from colift.analysis import joint_limits, learning_benefit, reference_loads, remedies, stability
+from colift.analysis import joint_limits, learning_benefit, reference_checks, reference_loads, remedies, stability
 from colift.closed_loop import flight
 from colift.models import grasp
 from colift.models.parameters import Team
@@ -120,6 +120,7 @@ def run_preflight(
         flight_experiment = experiment.make_experiment(settings, "C1")
         z = initial_states.equilibrium_state(settings, truth)
         findings.append(_thrust(settings, flight_experiment, z, thrust_margin))
+        findings += [*_reference(settings, truth)]
         findings += [*_joints(settings, truth, z), *_limits(settings, z), *_labels(settings, nominal)]
         findings += _learnable(settings, flight_experiment, z)
     except ScenarioError as error:
@@ -321,7 +322,7 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, mar
             else:  # the total thrust is too small
                 proposal += ", lower payload.mass_kg, or add an agent"
             if k == 1 and hover_ok and settings.reference.kind == "lissajous":
-                proposal += ", or use a slower or smaller reference (reference.period_s, reference.amplitude_m)"
+                proposal += f", or use {reference_checks.slower_reference(settings)}"
             elif k == 1 and hover_ok:
                 proposal += ", or use a slower reference"
             advice.append(proposal)
@@ -337,6 +338,12 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, mar
         },
         tuple(advice),
     )
+
+
+def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:
+    """Check overshoot and acceleration of a reference through poses."""
+    if (found := reference_checks.check_reference(settings, truth)) is not None:
+        yield Finding("reference", found.message, found.values, found.advice)
 
 
 def _learnable(settings: Scenario, experiment: flight.Experiment, state: State) -> Iterator[Finding]:

@@ -12,12 +12,14 @@ migration         conversion of files of schema 1
 former_settings   places and fields that replace settings of earlier files
 from_urdf         agent type from a URDF file
 from_csv          waypoints from a table
+from_table        sampled reference from a table of poses
+packing           tables of numbers as text
 dumping           settings to the text of a file
 schema_docs       reference page of the settings
 template          text of a new scenario
 conversion        settings to arrays, rotations, lags and user-defined parts
 team              agents by group and by name; true and nominal team
-trajectories      reference trajectory
+trajectories      reference trajectory and headings of the agents
 disturbances      disturbances and their attachment
 world             plant, actuators, sensors
 initial_states    initial state and equilibrium

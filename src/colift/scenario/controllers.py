@@ -133,7 +133,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         payload_controller=payload_controllers.GeometricTracking(gains=gain),
         allocator=allocators.LinearAllocator(allocation=allocation_map, internal=internal),
         agent_controller=agent_controller(
-            gains=gain, yaw=team_module.initial_yaw(settings), nominal_posture=team_module.nominal_posture(settings)
+            gains=gain, yaw=trajectories.headings(settings), nominal_posture=team_module.nominal_posture(settings)
         ),
         actuator_compensator=_drive(settings),
         preview_step=None if preview_step is None else array(preview_step),

@@ -45,6 +45,7 @@ def _twice(given: Any) -> Any:
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+NonNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True)]
 
 # Bodies ---------------------------------------------------------------------------------------------------------------
@@ -76,6 +77,7 @@ Position = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[Number, Field(ge=0, le=1e4), _FAR]
 Extents = tuple[Length, Length, Length]
 Distance = Annotated[Number, Field(ge=1e-3, le=1e4), _FAR]
+PathDeviation = Annotated[Number, Field(ge=1e-6, le=10), range_reason("from a micrometre to 10 m")]
 Width = Annotated[Number, Field(ge=0.01, le=1e4), range_reason("from 1 cm to 10 km")]
 Speed = Annotated[Number, Field(ge=-340, le=340), _SOUND]
 Velocity = tuple[Speed, Speed, Speed]
@@ -88,6 +90,7 @@ Angles = tuple[Degrees, Degrees, Degrees]
 HalfTurn = Annotated[Number, Field(ge=-180, le=180), range_reason("a rotation vector has at most half a revolution")]
 AnyAngle = Annotated[Number, Field(ge=1, le=180), range_reason("180 deg permits every attitude")]
 RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
+AngularDeviation = Annotated[Number, Field(ge=1e-4, le=30), range_reason("from rounding to a loose fit")]
 Wavenumber = Annotated[
     Number,
     Field(ge=-63, le=63),
@@ -99,6 +102,9 @@ WaveVector = tuple[Wavenumber, Wavenumber, Wavenumber]
 
 Duration = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("from a few control periods to a day")]
 Time = Annotated[Number, Field(ge=0, le=1e5), range_reason("one day")]
+Instant = Annotated[Number, Field(ge=-1e5, le=1e5), range_reason("one day")]
+TimeOffset = Annotated[Number, Field(ge=-1e11, le=1e11), range_reason("the time since 1970 is 2e9 s")]
+TimeScale = Annotated[Number, Field(ge=0.01, le=100), range_reason("a hundred times slower or faster")]
 Span = Annotated[Number, Field(ge=1e-3, le=1e5), range_reason("from a millisecond to a day")]
 PreviewStep = Annotated[
     Number,

@@ -13,10 +13,11 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from colift.runtime import bounded_read
-from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
+from colift.scenario import from_csv, from_table, from_urdf, plugins, validation, yaml_tree
 from colift.scenario.cross_checks import consistency_errors
 from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format_value, suggestion
 from colift.scenario.from_csv import WaypointsFromFile
+from colift.scenario.from_table import SampledFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.migration import SCHEMA
 from colift.scenario.schema import Scenario, Section
@@ -182,8 +183,12 @@ def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[
                 written[name], found = _read(AgentTypeFromUrdf, from_urdf.expand, kind, folder)
                 errors += [(("agent_types", name, *location), message) for location, message in found]
         data = data | {"agent_types": written}
-    if isinstance(path, dict) and path.get("kind") == "waypoints" and "file" in path:
-        expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
+    if isinstance(path, dict) and path.get("kind") in ("waypoints", "sampled"):
+        expanded, found = path, []
+        if path["kind"] == "waypoints" and "file" in path:
+            expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
+        elif path["kind"] == "sampled" and "position_knots" not in path:
+            expanded, found = _read(SampledFromFile, from_table.expand, path, folder)
         errors += [(("reference", *location), message) for location, message in found]
         data = data | {"reference": expanded}
     return data, errors

@@ -52,7 +52,13 @@ def sample_residuals(
     rng, again = (np.random.default_rng((settings.seed, k)) for k in (4, 5))
     moves = settings.reference
     assert not isinstance(moves, schema.Plugin), "`cross_checks` rejects it"
-    moving = moves.ramp_time_s if isinstance(moves, schema.Lissajous) else moves.poses[0].time_s
+    match moves:
+        case schema.Lissajous():
+            moving = moves.ramp_time_s
+        case schema.Waypoints():
+            moving = moves.poses[0].time_s
+        case schema.Sampled():
+            moving = max(moves.start_s, 0.0)
     zero = priors.prior_model(settings, truth)
     center_features, path_features = (
         _team_features(trajectories.make_reference(settings), zero.features, state, jnp.asarray(t))

@@ -56,7 +56,7 @@ from colift.scenario.schema.team import (
     Prismatic,
     Revolute,
 )
-from colift.scenario.schema.trajectories import Lissajous, PathDeparture, Pose, Waypoints
+from colift.scenario.schema.trajectories import Lissajous, PathDeparture, Pose, Sampled, Waypoints
 
 __all__ = [
     "NAME",
@@ -115,6 +115,7 @@ __all__ = [
     "Row",
     "Rows",
     "S",
+    "Sampled",
     "Scenario",
     "Section",
     "Sensors",

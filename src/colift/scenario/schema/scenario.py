@@ -24,7 +24,7 @@ from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoP
 from colift.scenario.schema.sensors import Sensors
 from colift.scenario.schema.shared import Named
 from colift.scenario.schema.team import Agent, AgentType, InitialState, NominalModel, Payload, PayloadMassStep
-from colift.scenario.schema.trajectories import Lissajous, Waypoints
+from colift.scenario.schema.trajectories import Lissajous, Sampled, Waypoints
 from colift.scenario.validation import as_validation_error
 
 
@@ -53,7 +53,7 @@ class Scenario(Named):
     """Nominal parameters that differ from the true ones."""
     initial_state: InitialState = InitialState()
     """Initial state."""
-    reference: Annotated[Lissajous | Waypoints | Plugin, Field(discriminator="kind")]
+    reference: Annotated[Lissajous | Waypoints | Sampled | Plugin, Field(discriminator="kind")]
     """Reference trajectory of the payload; a plugin builds a `colift.trajectories.base.ReferenceTrajectory`."""
     disturbances: Annotated[tuple[Disturbance, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Disturbance forces and torques, unknown to the controller."""

@@ -115,7 +115,7 @@ class Agent(Named):
     type: Name
     """A name in `agent_types`."""
     yaw_deg: fields.Degrees = 0.0
-    """Constant yaw angle of the agent."""
+    """Constant yaw angle of the agent minus the heading of the reference at t = 0."""
     contact_positions_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MAX_ENTRIES)]
     """Contact points on the payload, in the order of the arms of the type; payload frame."""
 
@@ -168,6 +168,6 @@ class InitialState(Section):
     attitude_error_deg: fields.RotationVector = ZERO
     """Rotation vector from the reference attitude to that of the payload, frame of the reference."""
     velocity_mps: fields.Velocity = ZERO
-    """Velocity of the payload."""
+    """Velocity of the payload minus that of its reference at t = 0."""
     angular_velocity_radps: fields.BodyRate = ZERO
-    """Angular velocity of the payload, payload frame."""
+    """Angular velocity of the payload minus that of its reference, payload frame."""
