@@ -116,7 +116,7 @@ def test_every_equation_leads_to_code_that_is_called():
     assert {name for name in named if name.rpartition(".")[2] not in used} == set()
 
 
-@pytest.mark.parametrize("name", ["errata.md", "performance.md", "notation.md"])
+@pytest.mark.parametrize("name", ["errata.md", "performance.md", "notation.md", "references.md"])
 def test_tests_that_pages_point_to_exist(name):
     for file, test in re.findall(r"`([\w/]*test_\w+\.py)::(\w+)`", page(name)):
         assert test in shown_in(file), f"{file}::{test}"

@@ -37,7 +37,9 @@ def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], li
                     poses.append(pose)
                     wrong += [f"line {rows.line_num}: {sentence}" for sentence in found]
                 if len(poses) > MAX_ENTRIES:
-                    wrong.append(f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed")
+                    wrong.append(
+                        f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed; kind: sampled reads more"
+                    )
                     break
     except OSError as error:
         wrong, poses = [f"cannot be read: {error.strerror or error}"], []

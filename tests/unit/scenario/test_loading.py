@@ -15,6 +15,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from colift import scenario
 from colift.scenario import Scenario, ScenarioError
 from colift.scenario.from_csv import WaypointsFromFile
+from colift.scenario.from_table import SampledFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema import AgentType, Body, Revolute
@@ -459,7 +460,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         (folder, "directory"),
         (tmp_path / "absent.yaml", "No such file"),
         (Path("~nobody_of_that_name/a.yaml"), "home directory"),
-        (Path("/dev/zero"), "holds more than 100000 characters"),
+        (Path("/dev/zero"), "holds more than 2000000 characters"),
     ]:
         with pytest.raises(ScenarioError, match=reason) as e:
             scenario.load_scenario(path)
@@ -482,7 +483,7 @@ def test_what_cannot_be_read_is_one_line(tmp_path):
         "a: &a [*a]",
         "a: &a {<<: *a}",
         "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{f'*a{i - 1},' * 9}]\n" for i in range(1, 12)),
-        "a: " + "x" * 100_000,
+        "a: " + "x" * 2_000_000,
         "%YAML 1.3\n---\na: 1",
         "ok: 1\nb: \x07",
     ],
@@ -585,7 +586,7 @@ def test_sections_made_in_python_are_refused_in_the_same_words():
 def test_the_reference_page_is_what_the_models_say():
     page = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     told = page.partition("<!-- settings -->\n")[2]
-    assert told.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
+    assert told.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile, SampledFromFile).strip(), (
         "rebuild it: .venv/bin/python docs/settings.py"
     )
     missing = [line for line in told.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]
