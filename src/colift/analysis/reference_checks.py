@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from colift.math import so3
 from colift.models.parameters import Team
 from colift.scenario import Scenario, schema, trajectories
 from colift.trajectories import base, minimum_snap, smoothing_spline
@@ -105,8 +106,8 @@ def slower_reference(settings: Scenario) -> str:
 def _describe(given: schema.Waypoints | schema.Sampled) -> str:
     if isinstance(given, schema.Waypoints):
         return f"{len(given.poses)} waypoints"
-    deviation, turn = given.position_choices[-1][0], given.attitude_choices[-1][0]
-    return f"{given.rows} poses of {given.source}, root-mean-square deviations {deviation:.2g} m and {turn:.2g} deg"
+    deviation, turn = (given.table(name)[-1, 0] for name in ("position_fits", "attitude_fits"))
+    return f"{given.name}, root-mean-square deviations {deviation:.2g} m and {turn:.2g} deg"
 
 
 def _sample(settings: Scenario) -> _Motion:
@@ -146,7 +147,7 @@ def _overshoot(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Prob
         p = np.array([pose.position_m for pose in given.poses])
         low, high = p.min(0), p.max(0)
     else:
-        low, high = np.array(given.lowest_m), np.array(given.highest_m)
+        low, high = given.table("box")
     inside = motion.t <= given.end_s if isinstance(given, schema.Sampled) else np.ones(len(motion.t), bool)
     path = np.asarray(motion.d.p)[inside]
     beyond = np.maximum(low - path, path - high)
@@ -163,7 +164,7 @@ def _overshoot(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Prob
 def _less_overshoot(given: schema.Waypoints | schema.Sampled, t: float, most: float) -> str:
     """Return a change that keeps the path near its poses."""
     if isinstance(given, schema.Sampled):
-        noise = _larger_deviation("deviation_m", given.position_choices, most)
+        noise = _larger_deviation("deviation_m", given.table("position_fits"), most)
         return noise or f"add poses to the table about {t:.3g} s, between which the path is not determined"
     times, p = np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses])
     T = np.diff(times)
@@ -254,8 +255,8 @@ def _thrust_ratio(team: Team, d: base.PayloadSetpoint) -> tuple[np.ndarray, np.n
 @jax.jit
 def _contact_acceleration(d: base.PayloadSetpoint, c: Float[Array, "agents 3"]) -> Float[Array, "times agents 3"]:
     """Return the accelerations of points on the payload."""
-    omega, alpha = d.omega[:, None], d.omega_dot[:, None]
-    body = jnp.cross(alpha, c) + jnp.cross(omega, jnp.cross(omega, c))
+    omega, alpha, c = d.omega[:, None], d.omega_dot[:, None], c[None]
+    body = so3.cross(alpha, c) + so3.cross(omega, so3.cross(omega, c))
     return d.a[:, None] + jnp.einsum("tij,taj->tai", d.R, body)
 
 
@@ -304,26 +305,26 @@ def _less_acceleration_of_table(
         return f"reduce duration_s to {given.end_s:.4g}, or add poses with which the table ends at rest"
     if turning:
         limit = float(np.linalg.norm(motion.d.omega_dot, axis=1).max()) / ratio
-        noise = _larger_deviation("deviation_deg", given.attitude_choices, limit)
+        noise = _larger_deviation("deviation_deg", given.table("attitude_fits"), limit)
     else:
-        noise = _larger_deviation("deviation_m", given.position_choices, most)
+        noise = _larger_deviation("deviation_m", given.table("position_fits"), most)
     factor = np.sqrt(ratio if turning else float(motion.acceleration.max()) / max(most, 1e-3))
     return noise or f"--set reference.time_scale={_rounded_up(1.05 * factor)}, which is a slower motion"
 
 
-def _larger_deviation(name: str, choices: Sequence[tuple[float, float]], limit: float) -> str:
+def _larger_deviation(name: str, fits: np.ndarray, limit: float) -> str:
     """Return the least deviation with which the largest acceleration is within a limit; empty if it is no noise."""
-    smoother = [choice for choice in choices if choice[1] < limit]
-    if not smoother or min(smoother)[0] > 10 * max(choices[-1][0], MIN_NOISE[name]):
+    smoother = fits[fits[:, 1] < limit]
+    if not len(smoother) or smoother[:, 0].min() > MAX_NOISE[name]:
         return ""
-    deviation, peak = min(smoother)
+    deviation, peak = smoother[np.argmin(smoother[:, 0])]
     unit = "m/s²" if name == "deviation_m" else "rad/s²"
     change = f"--set reference.{name}={_rounded_up(deviation)}"
     return f"if this is noise of the table, {change} reduces it to {peak:.3g} {unit}"
 
 
-MIN_NOISE = {"deviation_m": 1e-3, "deviation_deg": 0.2}
-"""Deviations up to ten times as large are proposed if the table has less noise."""
+MAX_NOISE = {"deviation_m": 0.05, "deviation_deg": 3.0}
+"""Largest deviations that are proposed, for the noise of sensors."""
 
 
 # Directions -----------------------------------------------------------------------------------------------------------

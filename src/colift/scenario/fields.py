@@ -45,7 +45,6 @@ def _twice(given: Any) -> Any:
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-NonNegative = Annotated[Number, Field(ge=0)]
 Count = Annotated[int, Field(strict=True)]
 
 # Bodies ---------------------------------------------------------------------------------------------------------------

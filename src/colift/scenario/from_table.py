@@ -17,7 +17,6 @@ from pydantic import Field
 from colift.scenario import fields, packing
 from colift.scenario.errors import ErrorMessage, format_value, suggestion
 from colift.scenario.schema import Section
-from colift.trajectories import smoothing_spline
 from colift.trajectories.rotation_legs import exp, rotation
 
 TIMES = {"time_s": 1, "time_ms": 1_000, "time_us": 1_000_000, "time_ns": 1_000_000_000}
@@ -96,6 +95,8 @@ def expand(section: SampledFromFile, folder: Path) -> tuple[dict[str, Any], list
         return {}, [(place, f"{format_value(section.file)}: cannot be read: {error.strerror or error}")]
     except ValueError as error:  # no UTF-8, a NUL in the path
         return {}, [(place, f"{format_value(section.file)}: cannot be read: {error}")]
+    from colift.trajectories import smoothing_spline  # here, because SciPy's splines take long to import
+
     angle = None if section.deviation_deg is None else float(np.deg2rad(section.deviation_deg))
     fit = smoothing_spline.fit_samples(t, p, R, section.deviation_m, angle)
     wrong: list[ErrorMessage] = [
@@ -111,16 +112,16 @@ def expand(section: SampledFromFile, folder: Path) -> tuple[dict[str, Any], list
     ]
     return {
         "kind": "sampled",
-        "source": Path(section.file).name[:300],
-        "rows": len(t),
+        "name": f"{Path(section.file).name[:200]}, {len(t)} poses",
         "start_s": float(t[0]),
         "end_s": float(t[-1]),
-        "lowest_m": p.min(0).tolist(),
-        "highest_m": p.max(0).tolist(),
-        "position_choices": fit.choices.tolist(),
-        "attitude_choices": (fit.attitude_choices * [180 / np.pi, 1.0]).tolist(),
-        "position_knots": packing.pack(fit.knots.position),
-        "attitude_knots": packing.pack(fit.knots.attitude),
+        "tables": {
+            "position_knots": packing.pack(fit.knots.position),
+            "attitude_knots": packing.pack(fit.knots.attitude),
+            "position_fits": packing.pack(fit.choices),
+            "attitude_fits": packing.pack(fit.attitude_choices * [180 / np.pi, 1.0]),
+            "box": packing.pack(np.stack([p.min(0), p.max(0)])),
+        },
     }, wrong
 
 

@@ -91,7 +91,7 @@ def _over_contacts(agent: AerialManipulator, yaw: Array, r: Array, payload: Payl
 def _moved(agents: AerialManipulator, q: AgentState, d: PayloadSetpoint) -> AgentState:
     """Return the agents with the velocity of the payload at the mean of their contacts."""
     arm = agents.contact_position.mean(1) @ d.R.T
-    return dataclasses.replace(q, v=q.v + d.v + so3.cross(jnp.broadcast_to(d.R @ d.omega, arm.shape), arm))
+    return dataclasses.replace(q, v=q.v + d.v[None] + so3.cross((d.R @ d.omega)[None], arm))
 
 
 def equilibrium_state(settings: schema.Scenario, team: Team) -> State:

@@ -187,7 +187,7 @@ def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[
         expanded, found = path, []
         if path["kind"] == "waypoints" and "file" in path:
             expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
-        elif path["kind"] == "sampled" and "position_knots" not in path:
+        elif path["kind"] == "sampled" and "tables" not in path:
             expanded, found = _read(SampledFromFile, from_table.expand, path, folder)
         errors += [(("reference", *location), message) for location, message in found]
         data = data | {"reference": expanded}

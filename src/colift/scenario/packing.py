@@ -30,8 +30,8 @@ def unpack(text: str, columns: int) -> np.ndarray:
         numbers = np.frombuffer(base64.b64decode(text, validate=True), dtype="<f8").astype(float)
     except (binascii.Error, ValueError):
         raise ValueError("must be a table of numbers as colift writes it (base64 of float64)") from None
-    if numbers.size % columns or numbers.size < 2 * columns:
-        raise ValueError(f"must have rows of {columns} numbers, two rows or more; it has {numbers.size} numbers")
+    if numbers.size % columns or not numbers.size:
+        raise ValueError(f"must have rows of {columns} numbers; it has {numbers.size} numbers")
     if not np.isfinite(numbers).all():
         raise ValueError("must have finite numbers")
     return numbers.reshape(-1, columns)

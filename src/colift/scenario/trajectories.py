@@ -13,8 +13,7 @@ from colift.closed_loop import part_checks
 from colift.math import so3
 from colift.scenario import packing, schema, team
 from colift.scenario.conversion import array, build_plugin, check_plugin, rotation
-from colift.scenario.schema.trajectories import ATTITUDE_COLUMNS, POSITION_COLUMNS
-from colift.trajectories import base, departure, lissajous, minimum_snap, pose_spline, smoothing_spline
+from colift.trajectories import base, departure, lissajous, minimum_snap, pose_spline
 from colift.trajectories.rotation_legs import shortest_turns
 
 HALF_TURN = 1e-3
@@ -31,7 +30,7 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     if isinstance(given, schema.Waypoints):
         return _waypoints(given)
     if isinstance(given, schema.Sampled):
-        return _sampled(given)
+        return _sampled(given.tables["position_knots"], given.tables["attitude_knots"])
     loop = lissajous.Lissajous(
         center=array(given.center_m),
         amplitude=array(given.amplitude_m),
@@ -81,12 +80,14 @@ def _turns(R: np.ndarray, angles: np.ndarray) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=16)
-def _sampled(given: schema.Sampled) -> pose_spline.PoseSpline:
+def _sampled(position_knots: str, attitude_knots: str) -> pose_spline.PoseSpline:
     """Return the reference through the rows of a table."""
+    from colift.trajectories import smoothing_spline  # here, because SciPy's splines take long to import
+
     return smoothing_spline.pose_spline(
         smoothing_spline.SplineKnots(
-            position=packing.unpack(given.position_knots, POSITION_COLUMNS),
-            attitude=packing.unpack(given.attitude_knots, ATTITUDE_COLUMNS),
+            position=packing.unpack(position_knots, pose_spline.POSITION_COLUMNS),
+            attitude=packing.unpack(attitude_knots, pose_spline.ATTITUDE_COLUMNS),
         )
     )
 

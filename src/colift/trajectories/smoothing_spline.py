@@ -25,7 +25,7 @@ import numpy as np
 from scipy import interpolate, linalg
 from scipy.sparse import linalg as sparse_linalg
 
-from colift.trajectories.pose_spline import PiecewisePolynomial, PoseSpline
+from colift.trajectories.pose_spline import POSITION_COLUMNS, PiecewisePolynomial, PoseSpline
 from colift.trajectories.rotation_legs import (
     HERMITE,
     exp,
@@ -68,8 +68,6 @@ MAX_STOPPING_TURN = 4.0
 STOPPING_ACCELERATION = (0.5, 0.5)
 """Least acceleration [m/s^2] and angular acceleration [rad/s^2] of that motion; the root mean square of the table
 applies if it is larger."""
-MAX_STOPPING_RATE = 10.0
-"""Largest rate of the acceleration at the ends of the table, times the time to rest, relative to that acceleration."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -175,8 +173,8 @@ def fit_samples(
         attitudes = _select(len(t), lambda legs: _fit_attitude(t, R, turning, legs), angle, ATTITUDE_LIMITS)
     path, attitude = paths[-1], attitudes[-1]
     knots = SplineKnots(
-        position=_with_rest(path, _rest_position, STOPPING_ACCELERATION[0]),
-        attitude=_with_rest(attitude, _rest_attitude, STOPPING_ACCELERATION[1]),
+        position=_with_rest(path, _moved_position, STOPPING_ACCELERATION[0]),
+        attitude=_with_rest(attitude, _moved_attitude, STOPPING_ACCELERATION[1]),
     )
     return SampleFit(
         knots=knots,
@@ -218,7 +216,7 @@ def _converged(fits: list[_Fit], limit: float) -> bool:
     last, change = fits[-1], math.inf
     if len(fits) > 1:
         change = float(np.abs(last.acceleration - fits[-2].acceleration).max())
-    return last.deviation <= CONVERGED * limit and change <= CONVERGED * np.abs(last.acceleration).max() + 1e-6
+    return last.deviation <= CONVERGED * limit and change <= CONVERGED * float(np.abs(last.acceleration).max()) + 1e-6
 
 
 class _Basis:
@@ -374,40 +372,43 @@ def _rows(Q: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.concatenate([quaternion(Q), rates.reshape(len(Q), 9)], axis=1)
 
 
-def _with_rest(fit: _Fit, rest: Callable[[np.ndarray, float], np.ndarray], least: float) -> np.ndarray:
-    """Return time and state by knot, with a leg from rest before the first row and a leg to rest after the last one.
+def _with_rest(fit: _Fit, moved: Callable[[np.ndarray, np.ndarray], np.ndarray], least: float) -> np.ndarray:
+    """Return time and state by knot, with legs from rest before the first row and legs to rest after the last one.
 
-    The third derivative at both ends, which is noise if it is large, is limited so that it hardly changes these legs.
+    The jerk is reduced to zero within a leg so short that it hardly changes the acceleration, because it is noise if it
+    is large. A second leg comes to rest.
     """
     typical = max(float(np.sqrt((fit.acceleration**2).sum(1).mean())), least)
-    states = fit.states.copy()
-    before, after = (_stopping_time(states[k], typical) for k in (0, -1))
-    for k, T in ((0, before), (-1, after)):
-        third = states[k, -3:]
-        third *= min(1.0, MAX_STOPPING_RATE * typical / T / max(float(np.linalg.norm(third)), 1e-9))
-    times = np.concatenate([[fit.knots[0] - before], fit.knots, [fit.knots[-1] + after]])
-    states = np.concatenate([[rest(states[0], -before)], states, [rest(states[-1], after)]])
-    return np.concatenate([times[:, None], states], axis=1)
+    table = np.column_stack([fit.knots, fit.states])
+    before, after = _rest_legs(table[0], -1, typical, moved), _rest_legs(table[-1], 1, typical, moved)
+    return np.concatenate([before[::-1], table, after])
 
 
-def _stopping_time(state: np.ndarray, typical: float) -> float:
-    """Return the time from a state to rest [s]."""
-    speed = float(np.linalg.norm(state[-9:-6]))
-    time = max(STOPPING_TIME, 2.5 * speed / typical)
-    return time if len(state) == 12 else min(time, MAX_STOPPING_TURN / max(speed, 1e-9))
+def _rest_legs(
+    knot: np.ndarray, side: int, typical: float, moved: Callable[[np.ndarray, np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Return the two knots between one end of the table and rest; `side` is -1 before the table."""
+    time, state = knot[0], knot[1:]
+    v, a, j = state[-9:].reshape(3, 3)
+    fade = side * min(STOPPING_TIME / 2, typical / max(float(np.linalg.norm(j)), 1e-9))
+    state = moved(state, (v + a * fade / 2 + j * fade**2 / 10) * fade)
+    v, a = v + a * fade + j * fade**2 / 4, a + j * fade / 3
+    speed = float(np.linalg.norm(v))
+    stop = max(STOPPING_TIME, 2.5 * speed / typical)
+    stop = side * (stop if len(knot) == POSITION_COLUMNS else min(stop, MAX_STOPPING_TURN / max(speed, 1e-9)))
+    rest = moved(state, (v / 2 + a * stop / 10) * stop)
+    faded = np.concatenate([[time + fade], state, v, a, np.zeros(3)])
+    return np.stack([faded, np.concatenate([[time + fade + stop], rest, np.zeros(9)])])
 
 
-def _rest_position(state: np.ndarray, T: float) -> np.ndarray:
-    """Return the state at rest after a velocity of degree 5, within the time T; before the state for T < 0."""
-    p, v, a, j = state.reshape(4, 3)
-    return np.concatenate([p + v * T / 2 + a * T**2 / 10 + j * T**3 / 120, np.zeros(9)])
+def _moved_position(state: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Return a position after a displacement."""
+    return state[:3] + shift
 
 
-def _rest_attitude(state: np.ndarray, T: float) -> np.ndarray:
-    """Return the state at rest after a rotation by the same law."""
-    omega, omega_dot, _ = state[4:].reshape(3, 3)
-    turned = rotation(state[:4]) @ exp((omega * T / 2 + omega_dot * T**2 / 10)[None])[0]
-    return _rows(turned[None], np.zeros((1, 3, 3)))[0]
+def _moved_attitude(state: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Return the quaternion after a rotation in the payload frame."""
+    return quaternion((rotation(state[:4]) @ exp(shift[None])[0])[None])[0]
 
 
 def pose_spline(knots: SplineKnots) -> PoseSpline:

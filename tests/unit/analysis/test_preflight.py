@@ -13,9 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from colift import scenario
-from colift.analysis import preflight, reference_loads, remedies, stability
+from colift.analysis import feasibility, preflight, reference_loads, remedies, stability
 from colift.cli.app import app
-from colift.scenario import Scenario, experiment, initial_states, team, template, termination
+from colift.scenario import Scenario, experiment, initial_states, schema, team, template, termination
 from tests.support import small_team as light
 
 NO_WIND = {"disturbances": ()}
@@ -142,6 +142,22 @@ def test_no_contact_advice_without_thrust_reserve(monkeypatch: pytest.MonkeyPatc
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
     assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))
+
+
+def test_waypoints_that_overshoot_are_a_finding_with_a_remedy(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
+    times = [0, 4, 4.1, 12]
+    poses = [
+        {"time_s": t, "position_m": (x, y, 2)} for t, x, y in zip(times, (0, 1, 1.1, 4), (0, 0, 0.1, 1), strict=True)
+    ]
+    settings = light.settings(reference=schema.Waypoints(kind="waypoints", poses=poses), **NO_WIND)
+    seen = finding(preflight.run_preflight(settings), "reference")
+    assert seen.message.startswith("4 waypoints; largest acceleration ")
+    assert seen.values["overshoot_m"] > 0.2
+    assert seen.advice[0].startswith("give leg")
+    first = experiment.make_experiment(settings, "C1")
+    (_, warning, *_) = feasibility.assess_feasibility(settings, {"C1": first}).warnings
+    assert warning.startswith("the reference leaves the box of its poses by ")
 
 
 def test_equal_agents_are_summarized():

@@ -15,6 +15,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from colift import scenario
 from colift.scenario import Scenario, ScenarioError
 from colift.scenario.from_csv import WaypointsFromFile
+from colift.scenario.from_table import SampledFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema import AgentType, Body, Revolute
@@ -457,7 +458,7 @@ def test_unreadable_file_gives_one_line(tmp_path):
         (folder, "a folder, not a file"),
         (tmp_path / "absent.yaml", "No such file"),
         (Path("~nobody_of_that_name/a.yaml"), "home directory"),
-        (Path("/dev/zero"), "holds more than 100000 characters"),
+        (Path("/dev/zero"), "holds more than 2000000 characters"),
     ]:
         with pytest.raises(ScenarioError, match=reason) as e:
             scenario.load_scenario(path)
@@ -480,7 +481,7 @@ def test_unreadable_file_gives_one_line(tmp_path):
         "a: &a [*a]",
         "a: &a {<<: *a}",
         "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [{f'*a{i - 1},' * 9}]\n" for i in range(1, 12)),
-        "a: " + "x" * 100_000,
+        "a: " + "x" * 2_000_000,
         "%YAML 1.3\n---\na: 1",
         "ok: 1\nb: \x07",
     ],
@@ -583,7 +584,7 @@ def test_python_sections_have_the_same_errors():
 def test_settings_page_is_up_to_date():
     page = (Path(__file__).parents[3] / "docs" / "scenarios.md").read_text(encoding="utf-8")
     lines = page.partition("<!-- settings -->\n")[2]
-    assert lines.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile).strip(), (
+    assert lines.strip() == markdown(Scenario, AgentTypeFromUrdf, WaypointsFromFile, SampledFromFile).strip(), (
         "rebuild it: .venv/bin/python docs/settings.py"
     )
     missing = [line for line in lines.splitlines() if line.startswith("| `") and line.rstrip().endswith("|  |")]

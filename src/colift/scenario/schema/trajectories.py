@@ -17,6 +17,7 @@ from colift.scenario import fields, packing
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Section
 from colift.scenario.schema.shared import AttitudeOscillation, Centered, Located, Orientation, Ramp, RampTime, Sinusoid
+from colift.trajectories.pose_spline import ATTITUDE_COLUMNS, POSITION_COLUMNS
 
 
 class PathDeparture(AttitudeOscillation, Ramp):
@@ -72,51 +73,46 @@ class Waypoints(Section):
     """Poses, times ascending; the reference is constant before the first and after the last."""
 
 
-def _position_knots(text: str) -> str:
-    _require_ascending(text, POSITION_COLUMNS)
-    return text
+TABLES = {
+    "position_knots": POSITION_COLUMNS,
+    "attitude_knots": ATTITUDE_COLUMNS,
+    "position_fits": 2,
+    "attitude_fits": 2,
+}
+TABLES |= {"box": 3}
+"""Numbers of columns of the tables of a sampled reference."""
 
 
-def _attitude_knots(text: str) -> str:
-    _require_ascending(text, ATTITUDE_COLUMNS)
-    return text
-
-
-def _require_ascending(text: str, columns: int) -> None:
-    if (np.diff(packing.unpack(text, columns)[:, 0]) <= 0).any():
-        raise ValueError("must have ascending times in its first column")
-
-
-POSITION_COLUMNS, ATTITUDE_COLUMNS = 13, 14
-Choice = tuple[fields.NonNegative, fields.NonNegative]
+def _known_tables(tables: dict[str, str]) -> dict[str, str]:
+    """Require all tables, with ascending times of the knots."""
+    if set(tables) != set(TABLES):
+        raise ValueError(f"must have the tables {', '.join(TABLES)}")
+    for name, columns in TABLES.items():
+        try:
+            table = packing.unpack(tables[name], columns)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+        if "knots" in name and not (len(table) > 1 and (np.diff(table[:, 0]) > 0).all()):
+            raise ValueError(f"{name}: must have ascending times in its first column")
+    return tables
 
 
 class Sampled(Section):
-    """Smoothing spline of a table of poses, as results contain it; a file states [SampledFromFile](#sampledfromfile).
-
-    The columns of the knots are those of `colift.trajectories.smoothing_spline.SplineKnots`.
-    """
+    """Smoothing spline of a table of poses, as in results; a file states [SampledFromFile](#sampledfromfile)."""
 
     kind: Literal["sampled"]
     """Selects this reference."""
-    source: Annotated[str, Field(max_length=300)]
-    """Name of the table."""
-    rows: Annotated[fields.Count, Field(ge=2)]
-    """Number of poses in the table."""
+    name: Annotated[str, Field(max_length=300)]
+    """Description of the table."""
     start_s: fields.Instant
     """Time of the first pose."""
     end_s: fields.Instant
     """Time of the last pose; afterwards the reference comes to rest."""
-    lowest_m: fields.Position
-    """Least coordinates of the poses."""
-    highest_m: fields.Position
-    """Largest coordinates of the poses."""
-    position_choices: Annotated[tuple[Choice, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
-    """Root-mean-square distance of the poses from the path in m, and largest acceleration in m/s², of the splines that
-    were tried. The last one was chosen."""
-    attitude_choices: Annotated[tuple[Choice, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
-    """The same for the attitude, in deg and rad/s²."""
-    position_knots: Annotated[str, AfterValidator(_position_knots)]
-    """Knots of the position as text: time, position, velocity, acceleration and jerk."""
-    attitude_knots: Annotated[str, AfterValidator(_attitude_knots)]
-    """Knots of the attitude as text: time, quaternion, angular velocity, acceleration and its rate."""
+    tables: Annotated[dict[str, str], AfterValidator(_known_tables)]
+    """Numbers as text, by name: `position_knots` and `attitude_knots` as in
+    `trajectories.smoothing_spline.SplineKnots`; `position_fits` and `attitude_fits`, the deviations in m or deg and the
+    largest accelerations of the splines that were tried; `box`, the least and largest coordinates of the poses."""
+
+    def table(self, name: str) -> np.ndarray:
+        """Return the numbers of one of the tables."""
+        return packing.unpack(self.tables[name], TABLES[name])
