@@ -56,12 +56,12 @@ def near_limit(limit: float, n: int) -> st.SearchStrategy:
 
 @given(
     finite=st.sampled_from([True, True, True, False]),
-    grip=near_limit(0.2, AGENTS),
+    delassus=near_limit(0.2, AGENTS),
     distance=near_limit(3.0, 1),
     heights=near_limit(0.5, 1 + AGENTS),
     attitude=near_limit(1.5, 1),
     tilt=near_limit(1.2, AGENTS),
-    held=near_limit(2.0, AGENTS),
+    saturated=near_limit(2.0, AGENTS),
 )
 def test_first_exceeded_limit_ends_a_flight(finite, delassus, distance, heights, attitude, tilt, saturated):
     causes = [
