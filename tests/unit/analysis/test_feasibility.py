@@ -19,7 +19,7 @@ def test_what_is_known_before_a_flight_is_the_slowest_mode():
     margins = ahead.summary["stability_margins"]
     assert 0.004 <= margins["delay_margin_s"] <= 0.05
     assert margins["gain_margin"][0] < 0.8 < 1.2 < margins["gain_margin"][1]
-    assert margins["says"].startswith("delay margin ")
+    assert margins["description"].startswith("delay margin ")
     assert list(ahead.hover_thrust) == ["front", "rear"]
     narrow = feasibility.assess_feasibility(
         paper.lighter(30.0), {"C1": experiment.make_experiment(paper.lighter(30.0), "C1")}
