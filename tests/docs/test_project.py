@@ -252,6 +252,15 @@ def test_dev_sets_up_once_and_again_when_a_lock_changes(checkout):
     assert "run.txt" not in calls.read_text()
 
 
+def test_dev_coverage_measures_what_is_asked(checkout):
+    _, dev, calls = checkout
+    done = dev("coverage", "tests/unit/gp")
+    assert done.returncode == 0, done.stderr
+    assert "--cov " in done.stdout
+    assert done.stdout.rstrip().endswith("tests/unit/gp")
+    assert "check.txt" in calls.read_text()
+
+
 def test_dev_starts_afresh_after_a_set_up_that_failed(checkout):
     """Dev starts afresh after a set up that failed or was killed."""
     root, dev, calls = checkout
