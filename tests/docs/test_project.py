@@ -252,6 +252,15 @@ def test_dev_repeats_setup_only_when_a_lock_changes(checkout):
     assert "run.txt" not in calls.read_text()
 
 
+def test_dev_coverage_measures_what_is_asked(checkout):
+    _, dev, calls = checkout
+    done = dev("coverage", "tests/unit/gp")
+    assert done.returncode == 0, done.stderr
+    assert "--cov " in done.stdout
+    assert done.stdout.rstrip().endswith("tests/unit/gp")
+    assert "check.txt" in calls.read_text()
+
+
 def test_dev_repeats_a_failed_setup(checkout):
     """The setup is repeated after a setup that failed or was killed."""
     root, dev, calls = checkout

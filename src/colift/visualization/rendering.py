@@ -308,7 +308,7 @@ def draw(
             [face[1] for face in faces],
             facecolors=[face[2] for face in faces],
             edgecolors=[face[2] for face in faces],
-            linewidths=0.3,
+            linewidths=0.8,  # covers the seams between patches
             zorder=3,
         )
     )

@@ -16,7 +16,17 @@ from pydantic import (
 from colift.scenario import fields, packing
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Section
-from colift.scenario.schema.shared import AttitudeOscillation, Centered, Located, Orientation, Ramp, RampTime, Sinusoid
+from colift.scenario.schema.shared import (
+    AttitudeOscillation,
+    Centered,
+    Interval,
+    Located,
+    Named,
+    Orientation,
+    Ramp,
+    RampTime,
+    Sinusoid,
+)
 from colift.trajectories.pose_spline import ATTITUDE_COLUMNS, POSITION_COLUMNS
 
 
@@ -97,7 +107,7 @@ def _known_tables(tables: dict[str, str]) -> dict[str, str]:
     return tables
 
 
-class Sampled(Section):
+class Sampled(Interval, Named):
     """Smoothing spline of a table of poses, as in results; a file states [SampledFromFile](#sampledfromfile)."""
 
     kind: Literal["sampled"]
