@@ -33,6 +33,9 @@ try:
 except (ImportError, AttributeError) as error:
     MISSING = f"JAX {jax.__version__}: {error}"
 
+_NESTED = (tuple,) if MISSING else (tuple, ClosedJaxpr, Jaxpr)
+"""Types of parameters that are or may contain jaxprs."""
+
 
 class UnsupportedPrimitive(NotImplementedError):
     """A function contains an operation for which code generation has no rule."""
@@ -40,9 +43,6 @@ class UnsupportedPrimitive(NotImplementedError):
 
 CALLS = {"jit", "custom_jvp_call", "custom_vjp_call", "remat2"}
 """Primitives whose jaxpr is inlined; their other parameters do not change the value."""
-
-OWN = {"native", "agent_map"}
-"""Primitives of this package."""
 
 _REDUCTIONS = ("reduce_sum", "reduce_prod", "reduce_max", "reduce_min", "reduce_and", "reduce_or", "argmax", "argmin")
 _SCATTERS = ("scatter", "scatter-add", "scatter-mul", "scatter-min", "scatter-max")
@@ -138,8 +138,8 @@ class Program:
             constants, inner = tuple(getattr(jaxpr, "consts", ())), getattr(jaxpr, "jaxpr", jaxpr)
             if constants and len(constants) != len(inner.constvars):
                 raise ValueError(f"{len(constants)} constants, {len(inner.constvars)} variables")
-            if constants and hasattr(inner, "with_consts"):  # since JAX 0.11 a jaxpr contains its constants
-                inner = inner.with_consts(())
+            if constants and hasattr(inner, "consts"):  # since JAX 0.11 a jaxpr contains its constants
+                inner = inner.replace(constvars=(), invars=[*inner.constvars, *inner.invars])
             return cls(inner, constants)
 
     @property
@@ -204,12 +204,14 @@ class TracedEquation(NamedTuple):
             UnsupportedPrimitive: If the parameters of the primitive are not the known ones.
         """
         name, params = eqn.primitive.name, eqn.params
-        if name not in OWN:
-            with readable(name, eqn.source_info):
+        if name in PARAMETERS or name in CALLS:
+            try:
                 params = _under_known_names(name, params)
-        return cls(
-            name, {key: _with_programs(x) for key, x in params.items()}, list(eqn.invars), list(eqn.outvars), eqn
-        )
+            except UNREADABLE as error:
+                raise _unsupported_form(name, error, summarize(eqn.source_info)) from error
+        if params:
+            params = {key: _with_programs(x) if isinstance(x, _NESTED) else x for key, x in params.items()}
+        return cls(name, params, eqn.invars, eqn.outvars, eqn)
 
     @property
     def source_location(self) -> str:
@@ -229,28 +231,33 @@ class TracedEquation(NamedTuple):
         return list(out) if self.eqn.primitive.multiple_results else [out]
 
 
+UNREADABLE = (AssertionError, AttributeError, LookupError, TypeError, ValueError)
+"""Errors that indicate a changed form of an equation."""
+
+
 @contextlib.contextmanager
-def readable(name: str, source_info: Any = None) -> Generator[None]:
+def readable(name: str) -> Generator[None]:
     """Make a context that raises `UnsupportedPrimitive` for errors in reading an equation.
 
     Args:
         name: Name of the primitive.
-        source_info: Origin of the equation as JAX stores it, for the message.
 
     Yields:
         Nothing.
 
     Raises:
-        UnsupportedPrimitive: If the block raises an error that indicates a changed form of the equation.
+        UnsupportedPrimitive: If the block raises one of `UNREADABLE`.
     """
     try:
         yield
-    except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as error:
-        location = "" if source_info is None else summarize(source_info)
-        raise UnsupportedPrimitive(
-            f"codegen: '{name}' of JAX {jax.__version__} has another form ({type(error).__name__}: {error})"
-            + (f", at {location}" if location else "")
-        ) from error
+    except UNREADABLE as error:
+        raise _unsupported_form(name, error) from error
+
+
+def _unsupported_form(name: str, error: Exception, location: str = "") -> UnsupportedPrimitive:
+    """Return the error for an equation that cannot be read."""
+    reason = f"codegen: '{name}' of JAX {jax.__version__} has another form ({type(error).__name__}: {error})"
+    return UnsupportedPrimitive(f"{reason}, at {location}" if location else reason)
 
 
 def _under_known_names(name: str, params: dict[str, Any]) -> dict[str, Any]:
