@@ -23,7 +23,7 @@ def schema_2(rows: StepRecord, sigma: PredictionUncertainty, shape: flights.Shap
     found = {}
     for field in dataclasses.fields(rows):
         if field.name != "t":
-            stated = flights.axes(field.name)[1:]
+            stated = flights.field_axes(field.name)[1:]
             dims = [DIMS.get(axis, axis) for axis in stated]
             dims = ["acceleration" if field.name == "a_L" else "wrench" if dim == "6" else dim for dim in dims]
             if dims.count("3") == 2:

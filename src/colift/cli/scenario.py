@@ -129,12 +129,12 @@ def _migrated_texts(files: list[Path], out: Path | None) -> dict[Path, tuple[str
                 continue
             old = bounded_read.read_text(file)
             texts[file] = old, migrate_text(old)
-        except UnicodeDecodeError as error:
-            errors.append(f"{file}: is not UTF-8 text (byte {error.start})")
         except OSError as error:
             errors.append(common.describe_error(error))
         except scenario.ScenarioError as error:
             errors.append(f"{file}: {error}")
+        except ValueError as error:  # not UTF-8 text
+            errors.append(str(error))
     if errors:
         common.fail("\n".join(errors))
     return texts

@@ -13,8 +13,8 @@ def test_the_command_names_the_running_python(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "executable", str(tmp_path / "my env" / "bin" / "python"))
     assert extras.install_command("mcap") == "'my env/bin/python' -m pip install 'colift[mcap]'"
-    monkeypatch.setattr(sys, "executable", "/opt/env/bin/python")
-    assert extras.install_command("gym") == "/opt/env/bin/python -m pip install 'colift[gym]'"
+    monkeypatch.setattr(sys, "executable", "/anywhere/bin/python")
+    assert extras.install_command("gym") == "/anywhere/bin/python -m pip install 'colift[gym]'"
 
 
 def test_messages_name_extras_that_exist():

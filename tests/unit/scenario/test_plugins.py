@@ -554,5 +554,7 @@ def test_drawn_residuals_need_a_reference_that_colift_knows(folder):
     path = f"reference: {own('Hover', '{position_m: [0, 0, 1]}')}\n"
     text = re.sub(r"^reference:\n(  .*\n)*", path, SAMPLE, flags=re.MULTILINE)
     read(folder, "", text)
-    with pytest.raises(ScenarioError, match="random_residual: must be left out: its centres lie along a reference"):
+    with pytest.raises(
+        ScenarioError, match="random_residual: must be omitted: its centers lie along a built-in reference"
+    ):
         read(folder, "\nrandom_residual: {rkhs_norm: 2}\n", text)
