@@ -83,7 +83,7 @@ The default of the second was the value of the first.
 """
 
 RIG_ERROR = 0.1
-"""Former default of `learning.rig_label_error`, which had an effect with `label_source: calibration_rig` only."""
+"""Former default of `learning.rig_label_error`, which had an effect with label source `calibration_rig` only."""
 
 
 def relocation_hint(place: Location, value: Any) -> str | None:

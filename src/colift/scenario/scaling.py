@@ -4,18 +4,16 @@ The numbers of `colift init` are those of a reference vehicle with mass `m_0` an
 the same for every vehicle. Two systems are similar if their Froude numbers `v^2 / (g l)` agree. With the ratios
 `L = k / k_0` of lengths and `M = m / m_0` of masses, all quantities follow from their dimensions:
 
-| quantity | factor |
-|---|---|
-| length, path, position noise | `L` |
-| time, period, delay | `T = sqrt(L)`, from `sqrt(l / g)` |
-| rate, bandwidth, velocity gain | `1 / T` |
-| position and attitude gains (1/s^2) | `1 / L` |
-| speed, wind | `L / T = T` |
-| acceleration, angle | 1 |
-| force | `M`, from `m g` |
-| moment | `M L`, from `m g l` |
-| inertia | `M L^2` |
-| drag coefficient (N s/m) | `M / T` |
+- length, path, position noise: `L`
+- time, period, delay: `T = sqrt(L)`, from `sqrt(l / g)`
+- rate, bandwidth, velocity gain: `1 / T`
+- position and attitude gains (1/s^2): `1 / L`
+- speed, wind: `L / T = T`
+- acceleration, angle: 1
+- force: `M`, from `m g`
+- moment: `M L`, from `m g l`
+- inertia: `M L^2`
+- drag coefficient (N s/m): `M / T`
 
 The linearized closed loop of a geometrically similar vehicle has the eigenvalues of the reference divided by `T`.
 
