@@ -14,6 +14,7 @@ import numpy as np
 
 from colift.models.parameters import Team
 from colift.scenario import Scenario
+from colift.scenario.experiment import LEARNING_CASES
 
 NOISE_BANDWIDTH = 1.22  # noise-equivalent bandwidth of the critically damped second-order filter over its corner
 MIN_INCREASE = 1.05  # ratio of errors with and without learning from which a warning is given
@@ -111,7 +112,7 @@ def describe_exceeded(found: Sequence[LabelQuality]) -> str:
 
 
 def comparison_warnings(settings: Scenario, cases: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Yield a warning for each case and figure that is worse with learning than without.
+    """Yield a warning for each case that learns and has a figure worse than without learning.
 
     Args:
         settings: Scenario.
@@ -124,7 +125,7 @@ def comparison_warnings(settings: Scenario, cases: Mapping[str, Mapping[str, Any
     if without is None or not without["complete"]:
         return
     for case, found in cases.items():
-        worse = {} if case == WITHOUT_LEARNING else _increases(without, found)
+        worse = _increases(without, found) if case in LEARNING_CASES else {}
         if worse:
             listed = ", ".join(f"{FIGURES[key]} is {ratio:.2f} times that of C1" for key, ratio in worse.items())
             yield case, f"{listed}; likely cause: {_likely_cause(settings, case, found, tuple(worse))}"
@@ -142,7 +143,7 @@ def _likely_cause(settings: Scenario, case: str, found: Mapping[str, Any], worse
     if not found["complete"]:
         return "the flight ended early"
     if not found["update_times_s"]:
-        return "no model was learned in this case"
+        return "no model was learned"
     if learning.hyperparameters == "fixed":
         return "hyperparameters that do not fit the data (learning.hyperparameters)"
     reference = settings.reference

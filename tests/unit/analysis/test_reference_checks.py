@@ -1,4 +1,4 @@
-"""What is said of references through poses: place, size, and remedies that help."""
+"""Checks of references through poses: overshoot, acceleration and half turns, each with a remedy."""
 
 import re
 from pathlib import Path
