@@ -207,7 +207,7 @@ def summarize(chunks: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[
 
 
 def main() -> bool:
-    """Where their assumptions hold all bounds must keep their failure rates; some control must exceed its rate."""
+    """Require that bounds whose assumptions hold keep their failure rates, and that some control exceeds its rate."""
     cases = [f"{kind}, {inputs}, B = {norm}" for kind in NOISES for inputs in INPUTS for norm in NORMS]
     items = [f"{case}, {k}" for case in cases for k in range(DRAWS // CHUNK)]
     chunks = {item: chunk for item, chunk in collect("coverage", items, compute_item).items() if item in items}

@@ -22,8 +22,8 @@ WITHOUT_LEARNING = "C1"
 FIGURES = {  # entries of the summary that learning should reduce
     "e_p_rms_m": "the position error",
     "e_R_rms": "the attitude error",
-    "delta_W_force_rms_N": "the force residual",
-    "delta_W_moment_rms_Nm": "the moment residual",
+    "delta_W_force_rms_N": "the force mismatch",
+    "delta_W_moment_rms_Nm": "the moment mismatch",
 }
 ATTITUDE = ("e_R_rms", "delta_W_moment_rms_Nm")
 

@@ -240,8 +240,7 @@ def _acceleration(settings: Scenario, team: Team, motion: _Motion) -> Iterator[P
 def _thrust_ratio(team: Team, d: base.PayloadSetpoint) -> tuple[np.ndarray, np.ndarray]:
     """Return required over available thrust by time, and whether one agent is the limit instead of the sum."""
     g, a = np.asarray(team.gravity), np.asarray(d.a)
-    mass = float(team.payload.mass) + sum(float(group.mass.sum()) for group in team.agent_groups)
-    thrust = sum(float(group.thrust_max.sum()) for group in team.agent_groups)
+    mass, thrust = _mass_and_thrust(team)
     total = mass * np.linalg.norm(a - g, axis=1) / thrust
     single = np.zeros(len(a))
     for group in team.agent_groups:
@@ -260,11 +259,16 @@ def _contact_acceleration(d: base.PayloadSetpoint, c: Float[Array, "agents 3"]) 
     return d.a[:, None] + jnp.einsum("tij,taj->tai", d.R, body)
 
 
+def _mass_and_thrust(team: Team) -> tuple[float, float]:
+    """Return the mass [kg] and the maximum thrust [N] of the whole team with its payload."""
+    mass = float(team.payload.mass) + sum(float(group.mass.sum()) for group in team.agent_groups)
+    return mass, sum(float(group.thrust_max.sum()) for group in team.agent_groups)
+
+
 def _largest_acceleration(team: Team, direction: np.ndarray) -> float:
     """Return the largest acceleration of the team in a direction [m/s^2]."""
     g = np.asarray(team.gravity)
-    mass = float(team.payload.mass) + sum(float(group.mass.sum()) for group in team.agent_groups)
-    thrust = sum(float(group.thrust_max.sum()) for group in team.agent_groups)
+    mass, thrust = _mass_and_thrust(team)
     along = float(direction @ g) / max(float(np.linalg.norm(direction)), 1e-9)
     return max(along + float(np.sqrt(max(along**2 - float(g @ g) + (thrust / mass) ** 2, 0.0))), 0.0)
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from colift.closed_loop import log_upgrade
 from colift.runtime import bounded_read
 
 SCHEMA = 2
@@ -43,16 +44,6 @@ LOOP_KEYS = {
     "rad_s": "eigenvalue_radps",
     "delay_s": "delay_margin_s",
     "gain": "gain_margin",
-}
-LIMIT_KEYS = {
-    "distance_m": "max_position_error_m",
-    "height_m": "min_height_m",
-    "attitude_deg": "max_attitude_error_deg",
-    "tilt_deg": "max_tilt_deg",
-    "saturation_s": "max_saturation_time_s",
-    "grip": "min_grasp_ratio",
-    "thrust_margin": "hover_thrust_margin",
-    "grip_1pkg": "min_delassus_singular_value_1pkg",
 }
 BOUND_ASSUMPTION_KEYS = {"norm": "rkhs_norm", "assumed": "unproven_assumptions"}
 METRIC_KEYS = {
@@ -165,7 +156,7 @@ def _upgrade_summary(content: Content) -> Content:
     for name, table in (
         ("slowest_mode", LOOP_KEYS),
         ("stability_margins", LOOP_KEYS),
-        ("termination_limits", LIMIT_KEYS),
+        ("termination_limits", log_upgrade.LIMITS),
         ("error_bound_assumptions", BOUND_ASSUMPTION_KEYS),
     ):
         if summary.get(name) is not None:

@@ -28,7 +28,7 @@ from colift.closed_loop.log_upgrade import SCHEMA
 from colift.closed_loop.signals import StepRecord
 from colift.models.parameters import Team
 from colift.onboard.learning.prediction_uncertainty import PredictionUncertainty
-from colift.runtime import atomic_write
+from colift.runtime import atomic_write, bounded_read
 
 
 def dataset(
@@ -220,7 +220,7 @@ def load(path: str | Path) -> xr.Dataset:
     Raises:
         ValueError: If the file is not NetCDF-4, or was written by a later version with another schema.
     """
-    content = Path(path).read_bytes()
+    content = bounded_read.read_bytes(path, bounded_read.MAX_LOG_BYTES)
     try:
         ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
     except (OSError, ValueError) as error:

@@ -42,17 +42,21 @@ ATTRIBUTES_OF_SCHEMA_1 = {
     "update_points_agents": "num_samples_agents",
     "rho_assumed": "bound_assumptions",
 }
+LIMITS = {
+    "distance_m": "max_position_error_m",
+    "height_m": "min_height_m",
+    "attitude_deg": "max_attitude_error_deg",
+    "tilt_deg": "max_tilt_deg",
+    "saturation_s": "max_saturation_time_s",
+    "grip": "min_grasp_ratio",
+    "thrust_margin": "hover_thrust_margin",
+    "grip_1pkg": "min_delassus_singular_value_1pkg",
+}
+"""Former to present names of termination limits, in logs and in `summary.json`."""
 ATTRIBUTES_OF_SCHEMA_2 = {
     "rho_norm": "rho_rkhs_norm",
     "settings": "settings_digest",
-    "limit_distance_m": "limit_max_position_error_m",
-    "limit_height_m": "limit_min_height_m",
-    "limit_attitude_deg": "limit_max_attitude_error_deg",
-    "limit_tilt_deg": "limit_max_tilt_deg",
-    "limit_saturation_s": "limit_max_saturation_time_s",
-    "limit_grip": "limit_min_grasp_ratio",
-    "limit_thrust_margin": "limit_hover_thrust_margin",
-    "limit_grip_1pkg": "limit_min_delassus_singular_value_1pkg",
+    **{f"limit_{old}": f"limit_{new}" for old, new in LIMITS.items()},
 }
 
 

@@ -2,6 +2,7 @@
 
 =================  ====================================================================
 ``atomic_write``   atomic writes of files
+``bounded_read``   reading of files of limited size
 ``cache``          folder of compiled programs
 ``extras``         commands that install optional dependencies
 ``run_directory``  result folder of one run, with a lock

@@ -12,7 +12,9 @@ from typing import Any
 MAX_LOG_BYTES = 2**33
 """Largest log of a flight [bytes]."""
 MAX_TEXT_BYTES = 2**24
-"""Largest text file: scenario, table, robot description or JSON [bytes]."""
+"""Largest text file: scenario, robot description or JSON [bytes]."""
+MAX_TABLE_BYTES = 2**28
+"""Largest table of poses [bytes]."""
 
 
 def read_bytes(path: str | Path, limit: int) -> bytes:

@@ -165,18 +165,15 @@ def _recover(target: Path) -> None:
     previous = _previous(target)
     if previous.exists() and not target.exists():
         previous.rename(target)
-    for leftover in (previous, *target.parent.glob(f".{_escape(target.name)}.[0-9]*.new")):
+    # a glob would also match the folders of a target `NAME.5`, which another process may be writing
+    staged = re.compile(rf"\.{re.escape(target.name)}\.[0-9]+\.new")
+    for leftover in (previous, *(path for path in target.parent.iterdir() if staged.fullmatch(path.name))):
         shutil.rmtree(leftover, ignore_errors=True)
 
 
 def _previous(target: Path) -> Path:
     """Return the name of the replaced folder on file systems that cannot exchange two folders by one rename."""
     return target.parent / f".{target.name}.previous"
-
-
-def _escape(name: str) -> str:
-    """Escape the wildcards of a name for `Path.glob`."""
-    return re.sub(r"([*?[])", r"[\1]", name)
 
 
 def _check_contents(target: Path, run_id: str, patterns: Sequence[str], replace: bool) -> str | None:

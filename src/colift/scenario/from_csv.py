@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
+from colift.runtime import bounded_read
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
 from colift.scenario.schema import Pose, Section
@@ -27,20 +29,20 @@ class WaypointsFromFile(Section):
 def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """Return the reference in plain numbers, and its errors as `(location, message)`."""
     try:
-        with (folder / section.file).open(encoding="utf-8-sig", newline="") as opened:
-            rows = csv.reader(opened, strict=True)
-            names = ["time_s" if name.strip() == "t_s" else name.strip() for name in next(rows, [])]  # t_s: schema 1
-            poses, errors = [], list(_columns(names))
-            for row in [] if errors else rows:
-                if row:
-                    pose, found = _pose(names, row)
-                    poses.append(pose)
-                    errors += [f"line {rows.line_num}: {message}" for message in found]
-                if len(poses) > MAX_ENTRIES:
-                    errors.append(
-                        f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed; kind: sampled reads more"
-                    )
-                    break
+        content = bounded_read.read_bytes(folder / section.file, bounded_read.MAX_TABLE_BYTES)
+        rows = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
+        names = ["time_s" if name.strip() == "t_s" else name.strip() for name in next(rows, [])]  # t_s: schema 1
+        poses, errors = [], list(_columns(names))
+        for row in [] if errors else rows:
+            if row:
+                pose, found = _pose(names, row)
+                poses.append(pose)
+                errors += [f"line {rows.line_num}: {message}" for message in found]
+            if len(poses) > MAX_ENTRIES:
+                errors.append(
+                    f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed; kind: sampled reads more"
+                )
+                break
     except OSError as error:
         errors, poses = [f"cannot be read: {error.strerror or error}"], []
     except (csv.Error, ValueError) as error:  # ValueError: no UTF-8, a NUL in the path

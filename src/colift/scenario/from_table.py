@@ -7,6 +7,7 @@ its rows replaces the table, so that results contain all data of the reference.
 from __future__ import annotations
 
 import dataclasses
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +15,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from colift.runtime import bounded_read
 from colift.scenario import fields, packing
 from colift.scenario.errors import ErrorMessage, format_value, suggestion
 from colift.scenario.schema import Section
@@ -86,8 +88,8 @@ def expand(section: SampledFromFile, folder: Path) -> tuple[dict[str, Any], list
     """Return the reference in plain data, and its errors as `(place, message)`."""
     place = ("file",)
     try:
-        with (folder / section.file).open(encoding="utf-8-sig", newline=None) as opened:
-            table = _read(section, enumerate(opened, start=1))
+        content = bounded_read.read_bytes(folder / section.file, bounded_read.MAX_TABLE_BYTES)
+        table = _read(section, enumerate(io.StringIO(content.decode("utf-8-sig"), newline=None), start=1))
         t, p, R = _poses(section, table)
     except _TableError as error:
         return {}, [(place, f"{format_value(section.file)}: {line}") for line in str(error).splitlines()]

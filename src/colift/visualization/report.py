@@ -24,7 +24,7 @@ from colift.scenario import Scenario
 from colift.visualization import playback
 
 PAGE_FILE = "report.html"
-SUMMARY, CERTIFICATE = "summary.json", "certificate.json"
+SUMMARY, CERTIFICATE = run_directory.SUMMARY_FILE, "certificate.json"
 CONTENT_SECURITY_POLICY = f"{playback.CONTENT_SECURITY_POLICY}; frame-src 'self'"
 CAPTIONS = {
     "figure_0_team": "Team at its initial state, and the whole path",

@@ -6,7 +6,7 @@ import platform
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from importlib.metadata import version
 from pathlib import Path
@@ -36,7 +36,7 @@ STUDY_FILES = (
         "figure_[0-57]_*.png",
         "lengthscales_*.csv",
         "lengthscales_*.md",
-        "summary.json",
+        run_directory.SUMMARY_FILE,
         "playback.html",
         "view.html",  # the name of playback.html before 0.2.0
         "report.html",
@@ -62,7 +62,7 @@ def open_run_directory(
     Args:
         settings: Scenario.
         out: Directory.
-        replace: Whether to remove the results of another run.
+        replace: Whether to remove all earlier results.
         keep_on_interrupt: Whether the files are also valid results after a request to end.
 
     Returns:
@@ -104,7 +104,7 @@ def run_study(
     """
     from colift.visualization import lengthscale_table, study_figures
 
-    earlier, earlier_data = _read_earlier_study(out)
+    earlier, earlier_data = _read_earlier_study(out, experiments)
     summary = _summary_header(settings, out.run_id, experiments, preview)
     if held_out:
         summary["held_out"] = {}
@@ -144,18 +144,19 @@ def run_study(
                 _lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run_id
             )
     summary["wall_time_s"] = {"figures": time.perf_counter() - start}
-    return atomic_write.write_json_atomic(summary, out.path / "summary.json")
+    return atomic_write.write_json_atomic(summary, out.path / run_directory.SUMMARY_FILE)
 
 
-def _read_earlier_study(out: RunDirectory) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
-    """Return the summary and the logs of an earlier study of the same run; empty if there is none."""
+def _read_earlier_study(out: RunDirectory, repeated: Collection[str]) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
+    """Return summary and logs of an earlier study of the same run, without the logs of repeated cases."""
     path = out.path / run_directory.SUMMARY_FILE
     if not path.is_file():
         return {}, {}
     shown = out.target / path.name
     try:
         earlier = result_files.load_summary(path)
-        return earlier, {case: log.load(out.path / f"{case}.nc") for case in earlier["cases"]}
+        kept = [case for case in earlier["cases"] if case not in repeated]
+        return earlier, {case: log.load(out.path / f"{case}.nc") for case in kept}
     except (OSError, ValueError, KeyError, TypeError) as error:
         reason = str(error).replace(str(out.path), str(out.target))
         raise OSError(f"{shown}: the earlier study is damaged ({reason}); remove it by --replace") from None

@@ -230,7 +230,7 @@ def test_nonlinear_effect_of_noise_is_refused(monkeypatch):
 
 @pytest.mark.long
 def test_noise_adds_its_quantile_to_every_component(monkeypatch):
-    """As many standard deviations as the confidence requires for all components and steps together."""
+    """The number of standard deviations holds for all components and steps jointly at the confidence."""
     of, quiet, _ = made(), made().certificate, energy_intervals()
     assert set(quiet.noise.values()) == {0.0}
     monkeypatch.setattr(

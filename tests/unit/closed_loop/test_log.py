@@ -210,6 +210,12 @@ def test_other_files_are_refused(rng, tmp_path):
             log.load(tmp_path / "C3.nc")
 
 
+def test_a_pipe_in_place_of_a_log_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "C3.nc")
+    with pytest.raises(OSError, match="a pipe, socket or device"):
+        log.load(tmp_path / "C3.nc")
+
+
 def test_std_table_has_one_row_per_output(rng):
     """The table of standard deviations covers all outputs of a model: six, and one per joint."""
     shape = flights.MIXED

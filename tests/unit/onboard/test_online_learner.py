@@ -122,7 +122,7 @@ def test_change_point_remains_while_a_model_is_pending():
 
 @pytest.mark.parametrize(("since", "over"), [(2.0, True), (3.5, False)])
 def test_change_point_ends_when_old_samples_are_gone(since, over):
-    """Of 80 samples 48 are kept: 61 are later than 2 s, 46 later than 3.5 s."""
+    """48 of 80 samples are kept: 61 are later than 2 s, 46 later than 3.5 s."""
     learner, (load, agents) = learner_with(20), early_samples()
     model, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
     learner.change_points = {"payload": model_update.make_change_point(model, "payload", since)}

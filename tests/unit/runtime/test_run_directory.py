@@ -140,6 +140,14 @@ def test_a_process_killed_between_two_renames_loses_nothing(out: Path):
     assert names(out.parent) == {"out"}
 
 
+def test_hidden_folders_of_other_targets_are_kept(out: Path):
+    """The name of the hidden folder of `out.5` begins with that of `out` and a number."""
+    with run_directory.stage_run_directory(out.with_name("out.5"), A, NAMES) as other:
+        (other.path / "C1.nc").write_text(A)
+        write(out, A, "C1.nc")
+    assert names(out.with_name("out.5")) == names(out) == {"C1.nc"}
+
+
 def test_partial_files_of_killed_processes_are_removed(out: Path):
     fill(out, A, (".C1.nc.123.part", ".mine.part", "C1.nc.123.part"))
     write(out, A, "C3.nc")

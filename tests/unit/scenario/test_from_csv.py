@@ -1,5 +1,6 @@
 """Tests of waypoints from a table: equal to those in the file, and errors with the line of the table."""
 
+import os
 import re
 from pathlib import Path
 
@@ -57,6 +58,13 @@ def test_table_equals_poses_in_the_file(tmp_path):
 def test_errors_in_a_table_state_its_line(tmp_path, table, says):
     (line,) = refused(tmp_path, table)
     assert line.startswith(says)
+
+
+@pytest.mark.parametrize("kind", ["waypoints", "sampled"])
+def test_a_pipe_in_place_of_a_table_is_refused(tmp_path, kind):
+    os.mkfifo(tmp_path / "pipe")
+    (line,) = refused(tmp_path, "", f"{{kind: {kind}, file: pipe}}")
+    assert line == "file: 'pipe': cannot be read: a pipe, socket or device, not a regular file"
 
 
 @pytest.mark.parametrize(

@@ -279,7 +279,7 @@ def test_consequential_errors_are_not_reported():
 
 
 def test_many_errors_are_truncated_and_counted():
-    """Of very many errors the first are reported and the others counted."""
+    """The first of many errors are reported, and the others are counted."""
     lines = error_lines(SAMPLE + "\n".join(f"a{i}: 1" for i in range(500)))
     assert len(lines) == 101
     assert lines[-1] == "and 400 more errors"
