@@ -122,7 +122,8 @@ def test_kernels_of_hyperprior_and_start_must_agree():
         gp.fit(X, Y, hyperprior=gp.HyperPrior(dataclasses.replace(hyper, kernel=Matern52())), start=hyper)
     one, other = (dataclasses.replace(hyper, kernel=HeavyTailed(a=jnp.array(a))) for a in (1.0, 30.0))
     with pytest.raises(
-        ValueError, match=re.escape("kernels of hyperprior (Heavy [1.0]) and start (Heavy [30.0]): must be equal")
+        ValueError,
+        match=re.escape("kernels of hyperprior (HeavyTailed [1.0]) and start (HeavyTailed [30.0]): must be equal"),
     ):
         gp.fit(X, Y, hyperprior=gp.HyperPrior(one), start=other)
 

@@ -565,7 +565,7 @@ def test_other_invalid_arguments_are_refused(unchecked):
         (lambda: gp.mean(p, x.astype(complex)), "x has type complex128: must be real"),
         (lambda: gp.mean(stacked, x), r"batch axes \(2,\): use jax.vmap"),
         (lambda: gp.predict(stacked, x[None]), r"batch axes \(2,\): use jax.vmap"),
-        (lambda: gp.predict(p, x), r"x has shape \(4,\): must be an array of shape \('points', 4\), a row"),
+        (lambda: gp.predict(p, x), r"x has shape \(4,\): must be an array of shape \('points', 4\), one row"),
         (lambda: gp.predict(p, jnp.ones((7, 3))), r"x has shape \(7, 3\): must be an array of shape \(7, 4\)"),
         (lambda: gp.max_variance_subset(p, x, y, jnp.ones(2)), r"gate has shape \(2,\)"),
         (lambda: gp.remove(p, jnp.asarray([1, 2])), r"i has shape \(2,\)"),

@@ -247,7 +247,7 @@ def page(browser_window: browser.Page, make_page: Path) -> Iterator[browser.Page
     browser_window.requests.clear()
     browser_window.open(make_page)
     yield browser_window
-    assert browser_window.complaints == []
+    assert browser_window.errors == []
     assert set(browser_window.requests) == {make_page.as_uri()}
 
 
@@ -257,7 +257,7 @@ def element_picture(page: browser.Page, selector: str) -> Image.Image:
         f"(({{left, top, right, bottom}}) => [left, top, right, bottom])"
         f"(document.querySelector('{selector}').getBoundingClientRect())"
     )
-    return Image.open(io.BytesIO(page.picture())).convert("RGB").crop([round(x) for x in box])
+    return Image.open(io.BytesIO(page.screenshot())).convert("RGB").crop([round(x) for x in box])
 
 
 def differing_pixels(one: Image.Image, other: Image.Image) -> int:
@@ -299,7 +299,7 @@ def test_seek_moves_the_payload_to_the_logged_position(page, flown, case):
 def test_seek_changes_the_picture(page):
     before = element_picture(page, "#stage")
     page.evaluate("seek(1.2)")
-    page.transient_time()
+    page.wait_until_drawn()
     assert differing_pixels(before, element_picture(page, "#stage")) > 500
     assert page.evaluate("document.querySelector('#clock').textContent") == "1.20 s"
     assert page.evaluate("document.querySelector('#mode').textContent") == "C3: learning ended, 1 of 1 updates"
@@ -346,10 +346,10 @@ def test_speed_buttons_and_keyboard_focus(page):
 def test_selected_case_is_solid_and_others_transparent(page):
     page.evaluate("seek(1.4)")
     assert page.evaluate("state().case") == "C3"
-    page.transient_time()
+    page.wait_until_drawn()
     with_ghost = element_picture(page, "#stage")
     page.evaluate("document.querySelector('#ghosts').click()")
-    page.transient_time()
+    page.wait_until_drawn()
     assert not page.evaluate("state().ghosts")
     assert differing_pixels(with_ghost, element_picture(page, "#stage")) > 50
     page.evaluate("document.querySelector('.chip').click()")
@@ -362,7 +362,7 @@ def test_arrows_can_be_hidden_by_kind(page):
     for kind in playback.ARROWS:
         before = element_picture(page, "#stage")
         page.evaluate(f"document.querySelector('#legend .{kind} input').click()")
-        page.transient_time()
+        page.wait_until_drawn()
         assert differing_pixels(before, element_picture(page, "#stage")) > 30, kind
 
 
@@ -402,7 +402,7 @@ def test_terminated_flight_stays_at_its_last_frame(browser_window, flown, tmp_pa
     status_text = browser_window.evaluate("document.querySelector('#mode').textContent")
     assert status_text == f"C1: stopped at {float(early.time[-2]):.2f} s: a made-up reason"
     np.testing.assert_allclose(browser_window.evaluate("state().p"), early.p.values[-2], atol=1e-6)
-    assert browser_window.complaints == []
+    assert browser_window.errors == []
 
 
 @needs_browser
