@@ -22,6 +22,7 @@ from colift.codegen import liveness
 from colift.codegen.blocks import Function, Map, Scan
 from colift.codegen.graph import Graph
 from colift.codegen.interpret import interpret
+from colift.codegen.jax_internals import Program
 from colift.codegen.vmap_primitive import trace
 from colift.math.vmap import vmap_agents
 from colift.models import aerial_manipulator
@@ -38,9 +39,10 @@ def operations(f: Callable[..., Any], *args: Any) -> Counter[str]:
     leaves, tree = jax.tree.flatten(args)
     jaxpr, _ = trace(f, tree, [jax.ShapeDtypeStruct(np.shape(x), jax.dtypes.result_type(x)) for x in leaves])
     g = Graph()
-    nodes = [g.array(v.size, "in", k).reshape(v.shape) for k, v in enumerate(jaxpr.in_avals)]
-    outputs = [x.ravel() for x in interpret(g, jaxpr.jaxpr, jaxpr.consts, nodes)]
-    function = Function(inputs=tuple(v.size for v in jaxpr.in_avals), graph=g, outputs=outputs)
+    program = Program.from_jaxpr(jaxpr)
+    nodes = [g.array(v.size, "in", k).reshape(v.shape) for k, v in enumerate(program.inputs)]
+    outputs = [x.ravel() for x in interpret(g, program, nodes)]
+    function = Function(inputs=tuple(v.size for v in program.inputs), graph=g, outputs=outputs)
     return _count(function, liveness.analyze_liveness(function, liveness.all_elements(outputs)))
 
 

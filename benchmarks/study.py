@@ -27,8 +27,8 @@ def run(seconds: float) -> Outcome:
             subprocess.run(command, check=True, env=env, capture_output=True)
             took = time.perf_counter() - start
             summary = json.loads((out / "summary.json").read_text())
-            cases = {name: case["wall_s"] for name, case in summary["cases"].items()}
-            figures[caches] = {"whole_s": took, "cases": cases, **summary["wall_s"]}
+            cases = {name: case["wall_time_s"] for name, case in summary["cases"].items()}
+            figures[caches] = {"whole_s": took, "cases": cases, **summary["wall_time_s"]}
             print(f"caches {caches}: {took:.1f} s in all")
             for name, wall in cases.items():
                 print(f"  {name}: " + ", ".join(f"{part} {s:.1f} s" for part, s in wall.items()))

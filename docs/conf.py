@@ -11,6 +11,7 @@ from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert
+from sphinx.domains.python import PyObject
 
 sys.path.insert(0, str(Path(__file__).parent))  # `results_tables`
 
@@ -28,6 +29,7 @@ nb_execution_timeout = 300
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 88
+add_module_names = False  # the heading above states the module
 python_use_unqualified_type_names = True
 pygments_dark_style = "monokai"
 napoleon_google_docstring = True
@@ -71,10 +73,12 @@ def _fields(app, what, name, obj, options, lines):
     if what != "class" or not dataclasses.is_dataclass(obj) or not dataclasses.fields(obj):
         return
     comments = _comments(obj)
+    described = any(comments.get(field.name) for field in dataclasses.fields(obj))
     lines += ["", ".. list-table::", "   :align: left", ""]
     for field in dataclasses.fields(obj):
         kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
-        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``", f"     - {comments.get(field.name, '')}"]
+        lines += [f"   * - ``{field.name}``", f"     - ``{kind}``"]
+        lines += [f"     - {comments.get(field.name, '')}"] if described else []
     lines.append("")
 
 
@@ -91,6 +95,9 @@ def _comments(cls):
 
 def setup(app):
     """Register the renderer of equations, and the formatters of signatures and fields."""
+    for field in PyObject.doc_field_types:
+        if field.name == "variable":
+            field.label = "Attributes"
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
     app.connect("autodoc-process-signature", _signature)
     app.connect("autodoc-process-docstring", _fields)

@@ -1,39 +1,121 @@
-"""Draw the figures of the documentation from a study.
+"""Draw the figures of the documentation: `python docs/figures.py OUT [NAME ...]`.
 
-Run ``python docs/figures.py OUT``. OUT is the folder of
-``colift study paper --case C1,C2,C3,label_feedback,adaptive,true_residual``. The metrics over seeds are those of
-``./dev evidence orderings``.
-
-Two figures are not drawn here. ``reaction.png`` is figure 7 of a study with a change of the wind direction and a
-failure of the tip force sensors (docs/learning.md):
-``colift study paper --case label_feedback,gp_label_feedback,adaptive --set control.preview_step_s=0.03``.
-``outdoors_tracking.png`` is figure 1 of
-``colift study outdoors --case C1,C3,label_feedback,adaptive,true_residual``.
+OUT holds the flights. A folder of `FLIGHTS` that is missing there is computed by its command, which takes some minutes.
+The figures of `./dev evidence` are drawn from the stored results. `playback.png` requires Chromium. The pictures of the
+notebook gallery are the first figures of the executed notebooks, so they require `./dev docs` before. Without NAME all
+figures are drawn. `team.svg`, `loop.svg` and `labels.svg` are sources.
 """
 
+import base64
+import functools
 import importlib
+import io
+import json
 import shutil
+import subprocess
 import sys
+import tempfile
+from collections.abc import Callable
 from pathlib import Path
+
+from PIL import Image
 
 from colift.closed_loop import log
 from colift.scenario import experiment
-from colift.visualization import axes, rendering, seed_figures
+from colift.visualization import axes, playback, rendering, seed_figures
 
-FROM = {
-    "study_tracking": "figure_1_tracking",
-    "study_deviation": "figure_3_deviation",
-    "study_rho_bar": "figure_5_rho_bar",
+ROOT = Path(__file__).parents[1]
+HERE = ROOT / "docs" / "figures"
+TURN = "disturbances.{}.direction_change={{change_deg: 180, start_s: 13}}"
+LOST = "sensors.models=[{kind: intermittent, channels: [agents.lam], rate_Hz: 500, failure_time_s: 16}]"
+EVENTS = ("control.preview_step_s=0.03", TURN.format("load_wind"), TURN.format("agent_wind"), LOST)
+FLIGHTS = {  # folder, and the command that writes it
+    "study": ("study", "paper", "--case", "C1,C2,C3,label_feedback,adaptive,true_residual"),
+    "reaction": (
+        *("study", "paper", "--case", "label_feedback,gp_label_feedback,adaptive"),
+        *(word for setting in EVENTS for word in ("--set", setting)),
+    ),
+    "certified": ("certify", "certified"),
 }
-here, out = Path(__file__).with_name("figures"), Path(sys.argv[1])
-for name, figure in FROM.items():
-    shutil.copy(out / f"{figure}.png", here / f"{name}.png")
-sys.path.insert(0, str(here.parents[1]))
-seeds = importlib.import_module("evidence").stored("orderings")["items"]
-seed_figures.plot_seed_spread(list(seeds.values()), experiment.ALL_CASES, out / "study_seeds")
-shutil.copy(out / "study_seeds.png", here)
-drawn = [
-    rendering.render_data(log.load(out / f"{case}.nc"), axes.case_label(case, experiment.ALL_CASES))
-    for case in ("C1", "C3")
-]
-rendering.render_video(drawn, here / "flight.gif", speed=4.0, dpi=80)
+COPIED = {  # figure of a page, and where it is
+    "study_tracking": "study/figure_1_tracking",
+    "study_deviation": "study/figure_3_deviation",
+    "study_rho_bar": "study/figure_5_rho_bar",
+    "reaction": "reaction/figure_7_reaction",
+    "certificate": "certified/figure_6_certificate",
+}
+SHOWN = ("C1", "C2", "C3")  # cases of the playback page
+THUMBNAIL = 360  # px, width of a picture of the gallery
+
+
+def flights(out: Path, name: str) -> Path:
+    """Return a folder of flights, computed first if it is missing."""
+    if not (out / name).is_dir():
+        command = [sys.executable, "-m", "colift", *FLIGHTS[name], "--out", str(out / name)]
+        subprocess.run(command, check=True)
+    return out / name
+
+
+def copied(name: str, out: Path) -> None:
+    """Copy a figure of a study."""
+    folder, figure = COPIED[name].split("/")
+    shutil.copy(flights(out, folder) / f"{figure}.png", HERE / f"{name}.png")
+
+
+def seeds(out: Path) -> None:
+    """Draw the metrics of all cases over the seeds."""
+    found = importlib.import_module("evidence").stored("orderings")["items"]
+    seed_figures.plot_seed_spread(list(found.values()), experiment.ALL_CASES, out / "study_seeds")
+    shutil.copy(out / "study_seeds.png", HERE)
+
+
+def stored(name: str, _out: Path) -> None:
+    """Draw the figure of an evidence module from its stored result."""
+    module, found = importlib.import_module(f"evidence.{name}"), importlib.import_module("evidence").stored(name)
+    module.draw(found["items"], HERE / f"{name}.png")
+
+
+def film(out: Path) -> None:
+    """Draw the film of the start page."""
+    logs = {case: log.load(flights(out, "study") / f"{case}.nc") for case in ("C1", "C3")}
+    drawn = [rendering.render_data(ds, axes.case_label(case, experiment.ALL_CASES)) for case, ds in logs.items()]
+    rendering.render_video(drawn, HERE / "flight.gif", speed=4.0, dpi=100)
+
+
+def page(out: Path) -> None:
+    """Take a picture of the playback page."""
+    browser = importlib.import_module("tests.support.browser")
+    logs = {case: log.load(flights(out, "study") / f"{case}.nc") for case in SHOWN}
+    with tempfile.TemporaryDirectory() as folder, browser.page(Path(folder) / "profile") as window:
+        file = Path(folder) / "playback.html"
+        file.write_text(playback.build_page(logs, experiment.ALL_CASES), encoding="utf-8")
+        window.open(file)
+        window.evaluate("document.querySelector('.chip').click(), seek(12)")
+        window.settle()
+        Image.open(io.BytesIO(window.picture())).convert("RGB").save(HERE / "playback.png", optimize=True)
+
+
+def gallery(_out: Path) -> None:
+    """Draw the pictures of the notebook gallery."""
+    for path in sorted((ROOT / "docs" / "_build" / "jupyter_execute" / "notebooks").glob("*.ipynb")):
+        outputs = [each for cell in json.loads(path.read_text())["cells"] for each in cell.get("outputs", [])]
+        images = [each["data"]["image/png"] for each in outputs if "image/png" in each.get("data", {})]
+        picture = Image.open(io.BytesIO(base64.b64decode(images[0]))).convert("RGB")
+        picture.thumbnail((THUMBNAIL, THUMBNAIL))
+        picture.quantize(64, dither=Image.Dither.NONE).save(HERE / f"notebook_{path.stem}.png", optimize=True)
+
+
+DRAW: dict[str, Callable[[Path], None]] = {
+    **{name: functools.partial(copied, name) for name in COPIED},
+    **{name: functools.partial(stored, name) for name in ("corollary", "curve")},
+    "study_seeds": seeds,
+    "flight": film,
+    "playback": page,
+    "gallery": gallery,
+}
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    for each in sys.argv[2:] or DRAW:
+        print(each, flush=True)
+        DRAW[each](Path(sys.argv[1]))

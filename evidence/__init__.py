@@ -128,8 +128,8 @@ def stored(name: str) -> dict[str, Any]:
 def renamed(value: Any, name: str = "") -> Any:
     """Return stored items with keys of earlier versions replaced, see `evidence/renamed.json`.
 
-    `words` maps words of keys (bounded by anything but letters, digits and `_`), `keys` maps whole keys, `values` maps
-    whole texts that are values; `results` has further tables of these kinds for single results.
+    `keys` maps whole keys, and `values` maps whole texts that are values. In other keys, `phrases` maps parts, and
+    `words` maps words (bounded by anything but letters, digits and `_`). `results` has more tables for single results.
     """
     if isinstance(value, dict):
         return {_renamed(key, name): renamed(one, name) for key, one in value.items()}
@@ -142,13 +142,15 @@ def renamed(value: Any, name: str = "") -> Any:
 def _names(name: str) -> dict[str, dict[str, str]]:
     table = json.loads(RENAMED.read_text()) if RENAMED.exists() else {}
     own = table.get("results", {}).get(name, {})
-    return {kind: table.get(kind, {}) | own.get(kind, {}) for kind in ("words", "keys", "values")}
+    return {kind: table.get(kind, {}) | own.get(kind, {}) for kind in ("words", "phrases", "keys", "values")}
 
 
 @functools.cache
 def _renamed(key: str, name: str) -> str:
     if key in (keys := _names(name)["keys"]):
         return keys[key]
+    for old, new in _names(name)["phrases"].items():
+        key = key.replace(old, new)
     return re.sub(r"\w+", lambda word: _names(name)["words"].get(word[0], word[0]), key)
 
 

@@ -28,15 +28,15 @@ _linear: dict[bool, Any] = {}  # the team's response, without and with noise, th
 
 
 def simulate_item(item: str) -> dict[str, Any]:
-    """Return one flight with its bounds: `seed`, `seed adversary` with its adversarial run, or `seed noise`."""
+    """Bounds and errors of one flight: `seed`, `seed noise`, or `seed adversarial_test` with the worst residual too."""
     seed, kind = int(item.split()[0]), item.partition(" ")[2]
     noise, settings = kind == "noise", scenario.load_scenario("certified")
     settings = (with_sensor_noise(settings) if noise else settings).model_copy(update={"seed": seed})
     made = certification.certify(settings, _linear.get(noise), NAMES)
     _linear[noise] = made.equilibrium_linearization
     out = summary_values(made)
-    if kind == "adversary":
-        out["adversary"] = summary_values(certification.run_adversarial_test(made))
+    if kind == "adversarial_test":
+        out["adversarial_test"] = summary_values(certification.run_adversarial_test(made))
     return out
 
 
@@ -52,26 +52,33 @@ def summary_values(made: certification.CertificationResult) -> dict[str, Any]:
     """Return the stored values of a certificate [m, m/s, 1, rad/s]."""
     found = made.certificate
     return {
-        "n": int(made.flight.model.payload.num_points),
-        "varies": smallest_variation(made),
+        "num_samples": int(made.flight.model.payload.num_points),
+        "residual_half_range": residual_half_range(made),
         "observed": dict(found.observed),
-        "floor": dict(found.nominal_error),
-        "unknown": dict(found.disturbance_response),
-        "beyond": dict(found.linearization_error),
+        "nominal_error": dict(found.nominal_error),
+        "disturbance_response": dict(found.disturbance_response),
+        "linearization_error": dict(found.linearization_error),
         "contraction": found.a_priori.tube.contraction if found.a_priori.tube else None,
-        "components": found.errors.size,
-        "components_left": {key: span.num_outside(found.errors) for key, span in found.intervals.items()},
-        "radii": {name: {"run": dict(r.a_posteriori), "tube": dict(r.a_priori)} for name, r in found.radii.items()},
-        "assumed": list(found.radii["recovery"].assumptions),
+        "num_components": found.errors.size,
+        "num_components_outside": {kind: each.num_outside(found.errors) for kind, each in found.intervals.items()},
+        "ultimate_bounds": {
+            name: {"a_posteriori": dict(each.a_posteriori), "a_priori": dict(each.a_priori)}
+            for name, each in found.ultimate_bounds.items()
+        },
+        "unproven_assumptions": list(found.ultimate_bounds["recovery"].assumptions),
     }
 
 
-def smallest_variation(made: certification.CertificationResult) -> dict[str, float]:
+def residual_half_range(made: certification.CertificationResult) -> dict[str, float]:
     """Return half the range of the residual in the window, smallest over all channels [N, N m]."""
     rows, window = made.flight.records, made.certificate.window
     late = (rows.t >= window[0]) & (rows.t <= window[1])
     payload, agents = (np.ptp(np.asarray(f)[late], axis=0) / 2 for f in (rows.f_L, rows.f_x))
-    return {"payload_N": payload[:3].min(), "payload_Nm": payload[3:].min(), "agents_N": agents.min()}
+    return {
+        "payload_force_N": payload[:3].min(),
+        "payload_moment_Nm": payload[3:].min(),
+        "agents_force_N": agents.min(),
+    }
 
 
 def main() -> bool:
@@ -79,45 +86,50 @@ def main() -> bool:
     share = RUNS // len(ADVERSARIES)  # after each some draws, so that a part of the proof has some of both
     items = []
     for k, seed in enumerate(ADVERSARIES):
-        items += [f"{seed} adversary", *(f"{FIRST + k * share + j}" for j in range(share))]
+        items += [f"{seed} adversarial_test", *(f"{FIRST + k * share + j}" for j in range(share))]
         items += [f"{seed} noise"] if seed in NOISES else []
     found = collect("certified", items, simulate_item)
     of = {
-        kind: [found[item] for item in items if item.partition(" ")[2] == kind] for kind in ("", "adversary", "noise")
+        kind: [found[item] for item in items if item.partition(" ")[2] == kind]
+        for kind in ("", "adversarial_test", "noise")
     }
-    return judge(of[""], of["adversary"], of["noise"])
+    return judge(of[""], of["adversarial_test"], of["noise"])
 
 
 def judge(runs: Sequence[dict[str, Any]], against: Sequence[dict[str, Any]], noises: Sequence[dict[str, Any]]) -> bool:
     """Print the results of all flights and return whether all bounds hold."""
-    assumptions = dict.fromkeys(name for run in runs for name in run["assumed"])
+    assumptions = dict.fromkeys(name for run in runs for name in run["unproven_assumptions"])
     print(f"all radii are assumed: {', '.join(assumptions)}" if assumptions else "nothing is assumed")
     for error in ERRORS:
-        share = np.median(_of(runs, "floor", error) / _of(runs, "observed", error))
+        share = np.median(_of(runs, "nominal_error", error) / _of(runs, "observed", error))
         print(f"{error:8} floor / observed: median {100 * share:.0f} %")
-    alone = [*runs, *(run["adversary"] for run in against)]  # without noise
+    alone = [*runs, *(run["adversarial_test"] for run in against)]  # without noise
     for error in ERRORS:
-        beyond = 100 * _of(alone, "beyond", error)
-        for of, name in (("unknown",), "what the unknown does"), (("radii", "recovery", "tube"), "the radius, any run"):
+        beyond = 100 * _of(alone, "linearization_error", error)
+        for of, name in (
+            (("disturbance_response",), "the response to the residuals"),
+            (("ultimate_bounds", "recovery", "a_priori"), "the a priori bound"),
+        ):
             print(f"{error:8} not of first order, % of {name}: {_spread(beyond / _of(alone, *of, error))}")
-    for key in ("payload_N", "payload_Nm", "agents_N"):
-        least = _of(runs, "varies", key)
+    for key in ("payload_force_N", "payload_moment_Nm", "agents_force_N"):
+        least = _of(runs, "residual_half_range", key)
         print(f"residual's half range, least channel, {key}: median {np.median(least):.3f}, least {least.min():.3f}")
-    each = [_tightness(runs, name, where) for name in NAMES for where in ("tube", "run")]
-    flown = [*runs, *(run["adversary"] for run in against), *noises]
-    left = {key: int(_of(flown, "components_left", key).sum()) for key in ("tube", "run")}
-    components = int(_of(flown, "components").sum())
+    each = [_tightness(runs, name, where) for name in NAMES for where in ("a_priori", "a_posteriori")]
+    flown = [*runs, *(run["adversarial_test"] for run in against), *noises]
+    left = {key: int(_of(flown, "num_components_outside", key).sum()) for key in ("a_priori", "a_posteriori")}
+    components = int(_of(flown, "num_components").sum())
     print(
         f"components of errors beyond their span at some time, of {components}: "
-        f"{left['tube']} any run, {left['run']} this run"
+        f"{left['a_priori']} any run, {left['a_posteriori']} this run"
     )
     for error in ERRORS:
-        over = _of(noises, "radii", "recovery", "tube", error) / _of(noises, "observed", error)
+        over = _of(noises, "ultimate_bounds", "recovery", "a_priori", error) / _of(noises, "observed", error)
         print(f"in the noise of paper's sensors, any run, {error:8} radius / observed: {_spread(over)}")
-    reached = np.array([run["adversary"]["observed"]["e_p"] for run in against])
+    reached = np.array([run["adversarial_test"]["observed"]["e_p"] for run in against])
     before, after = (
-        _of(against, "radii", "recovery", "tube", "e_p") / reached,
-        _of([run["adversary"] for run in against], "radii", "recovery", "run", "e_p") / reached,
+        _of(against, "ultimate_bounds", "recovery", "a_priori", "e_p") / reached,
+        _of([run["adversarial_test"] for run in against], "ultimate_bounds", "recovery", "a_posteriori", "e_p")
+        / reached,
     )
     print(f"radius of e_p known before the flight / adversary: {before.min():.2f} to {before.max():.2f}")
     print(f"radius of e_p of its run / adversary: {after.min():.3f} to {after.max():.3f}")
@@ -136,15 +148,15 @@ def _tightness(runs: Sequence[dict[str, Any]], name: str, where: str) -> bool:
     """
     good = True
     for error in ERRORS:
-        radius, observed = _of(runs, "radii", name, where, error), _of(runs, "observed", error)
-        alone = (radius - _of(runs, "floor", error)) / _of(runs, "unknown", error)
+        radius, observed = _of(runs, "ultimate_bounds", name, where, error), _of(runs, "observed", error)
+        alone = (radius - _of(runs, "nominal_error", error)) / _of(runs, "disturbance_response", error)
         exceeded, tightness = int((observed > radius).sum()), radius / observed
         print(
-            f"{name:9} {'any run' if where == 'tube' else 'this run':8} {error:8} exceeded in {exceeded} of "
+            f"{name:9} {'any run' if where == 'a_priori' else 'this run':8} {error:8} exceeded in {exceeded} of "
             f"{len(runs)}; radius / observed: {_spread(tightness)}; without the floor: {_spread(alone)}"
         )
         good &= exceeded == 0
-        if (name, where) == ("recovery", "tube"):
+        if (name, where) == ("recovery", "a_priori"):
             median, most = TARGETS[error]
             good &= bool(np.median(alone) <= median and np.percentile(alone, 95) <= most)
     return good

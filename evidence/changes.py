@@ -8,6 +8,7 @@ time in nominal conditions (`evidence baselines`).
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 from colift import scenario
 from colift.analysis import metrics
 from colift.closed_loop.flight import run_experiment
-from colift.scenario import experiment
+from colift.scenario import controllers, experiment
 from evidence import collect, orderings
 from evidence.targets import Target, missed
 
@@ -76,12 +77,12 @@ CASES = (
     "C3",
     "regression",
     "label_feedback",
-    "label_feedback led",
+    "label_feedback tuned_lead",
     "gp_label_feedback",
     "adaptive",
     "true_residual",
 )
-LEAD_SETTING = "online_correction.lead_time_s=0.04"
+LEAD = 0.04  # s, of `label_feedback led`
 SEEDS = {"motors": range(11), "outdoors": range(11), "gusts": range(11), "jets": range(3)}  # 0 alone elsewhere
 
 
@@ -91,22 +92,22 @@ def simulate_item(item: str) -> dict[str, Any]:
     name, changes, evaluation_start = ENVIRONMENTS[world]
     case, *lead = case.split()
     overrides = changes(int(seed)) if callable(changes) else changes
-    settings = scenario.load_scenario(
-        name, [PREVIEW_SETTING, *overrides, f"seed={seed}", *(LEAD_SETTING for _ in lead)]
-    )
-    flight = run_experiment(experiment.make_experiment(settings, case))
+    plan = experiment.make_experiment(scenario.load_scenario(name, [PREVIEW_SETTING, *overrides, f"seed={seed}"]), case)
+    if lead:
+        plan = dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, LEAD))
+    flight = run_experiment(plan)
     rows = flight.records
     seconds = range(int(rows.t[-1]) + 1)
     errors_by_second = [metrics.rms_norm(rows.e_p[(rows.t >= k) & (rows.t < k + 1)]) for k in seconds]
     return {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[rows.t >= evaluation_start]) if rows.t[-1] > evaluation_start else None,
-        "by_second_m": errors_by_second,
+        "e_p_rms_by_second_m": errors_by_second,
         "delta_W_rms_N": metrics.rms_norm(rows.delta_W[rows.t >= evaluation_start][:, :3])
         if rows.t[-1] > evaluation_start
         else None,
-        "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
+        "contact_force_hf_rms_N": metrics.high_frequency_rms(metrics.second_half(rows)),
         "termination_reason": flight.termination_reason,
-        "changed_s": [update.t for update in flight.updates if update.change_points],
+        "change_point_times_s": [update.t for update in flight.updates if update.change_points],
     }
 
 

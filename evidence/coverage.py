@@ -105,7 +105,7 @@ def without_noise_term(p: gp.GPPosterior, norm: float) -> Float[Array, " outputs
 
 def radii(p: gp.GPPosterior, deviation: Array, norm: float, R: float) -> dict[str, Array]:
     """Return every bound on the grid by its name and confidence."""
-    betas = {"energy": error_bounds.bounded_energy(p, norm, NOISE), "forgets the noise": without_noise_term(p, norm)}
+    betas = {"energy": error_bounds.bounded_energy(p, norm, NOISE), "noise_free": without_noise_term(p, norm)}
     found = {}
     for c in CONFIDENCES:
         betas[f"abbasi_yadkori {c}"] = error_bounds.abbasi_yadkori(p, norm, R, c)
@@ -163,9 +163,9 @@ def compute_item(item: str) -> dict[str, dict[str, float]]:
             loose.setdefault(name, []).append(ratio)
     return {
         name: {
-            "fails": int(np.sum(np.array(worst[name]) > 1)),
-            "worst_error_over_radius": _finite(np.median(worst[name])),
-            "radius_over_error": _finite(np.median(loose[name])),
+            "num_violations": int(np.sum(np.array(worst[name]) > 1)),
+            "max_error_over_bound": _finite(np.median(worst[name])),
+            "bound_over_error": _finite(np.median(loose[name])),
         }
         for name in worst
     }
@@ -176,7 +176,7 @@ def _finite(value: float) -> float:
     return float(np.clip(value, -1e300, 1e300))
 
 
-def claims(bound: str, kind: str, inputs: str) -> bool:
+def assumptions_met(bound: str, kind: str, inputs: str) -> bool:
     """Return whether the assumptions of a bound hold for data of that kind."""
     return bound in error_bounds.REQUIRED_ASSUMPTIONS and not error_bounds.unsatisfied(
         bound, CERTAIN | NOISES[kind] | INPUTS[inputs]
@@ -191,16 +191,16 @@ def summarize(chunks: dict[str, dict[str, dict[str, float]]]) -> dict[str, dict[
         parts = [chunk for item, chunk in chunks.items() if item.startswith(f"{case}, ")]
         for name in parts[0]:
             bound, _, confidence = name.rpartition(" ") if name[-1].isdigit() else (name, "", "1")
-            fails = sum(int(part[name]["fails"]) for part in parts)
+            fails = sum(int(part[name]["num_violations"]) for part in parts)
             interval = binomtest(fails, CHUNK * len(parts)).proportion_ci(0.95, "exact")
             table[f"{case}, {name}"] = {
-                "claims": claims(bound, kind, inputs),
-                "allowed": round(1 - float(confidence), 12),
-                "rate": fails / (CHUNK * len(parts)),
-                "interval": [round(float(interval.low), 5), round(float(interval.high), 5)],
+                "assumptions_met": assumptions_met(bound, kind, inputs),
+                "allowed_rate": round(1 - float(confidence), 12),
+                "violation_rate": fails / (CHUNK * len(parts)),
+                "violation_rate_interval": [round(float(interval.low), 5), round(float(interval.high), 5)],
                 **{
                     what: float(np.median([part[name][what] for part in parts]))
-                    for what in ("worst_error_over_radius", "radius_over_error")
+                    for what in ("max_error_over_bound", "bound_over_error")
                 },
             }
     return table
@@ -213,15 +213,18 @@ def main() -> bool:
     chunks = {item: chunk for item, chunk in collect("coverage", items, compute_item).items() if item in items}
     table = summarize(chunks)
     versions = {name: importlib.metadata.version(name) for name in ("clarabel", "jax", "numpy", "scipy")}
-    collect("coverage", ["summary"], lambda _: {"versions": versions, "draws": DRAWS, "table": table})
+    collect("coverage", ["summary"], lambda _: {"versions": versions, "num_draws": DRAWS, "table": table})
     for name, row in table.items():
-        low, high = row["interval"]  # ty: ignore
+        low, high = row["violation_rate_interval"]  # ty: ignore
         print(
-            f"{name:62} {'claims' if row['claims'] else '      '} allowed {row['allowed']:.2f} rate {row['rate']:.3f} "
-            f"[{low:.3f}, {high:.3f}]  radius / error {row['radius_over_error']:.3g}"
+            f"{name:62} assumptions {'met' if row['assumptions_met'] else 'not met'}, "
+            f"violation rate {row['violation_rate']:.3f} [{low:.3f}, {high:.3f}] of {row['allowed_rate']:.2f}, "
+            f"bound / error {row['bound_over_error']:.3g}"
         )
-    held = all(row["rate"] <= row["allowed"] for row in table.values() if row["claims"])
-    caught = any(row["interval"][0] > row["allowed"] for row in table.values() if not row["claims"])
+    held = all(row["violation_rate"] <= row["allowed_rate"] for row in table.values() if row["assumptions_met"])
+    caught = any(
+        row["violation_rate_interval"][0] > row["allowed_rate"] for row in table.values() if not row["assumptions_met"]
+    )
     return held and caught
 
 

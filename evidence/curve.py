@@ -79,7 +79,7 @@ def simulate_case(case: str) -> dict[str, Any]:
         returns.append(float(np.asarray(reward(rows.e_p, rows.e_R))[ticks:].sum() / ticks))
         errors.append(metrics.rms_norm(metrics.second_half(rows).e_p))
         terminated += bool(flight.termination_reason)
-    return {"return": returns, "e_p_rms_m": errors, "lost": terminated}
+    return {"return": returns, "e_p_rms_m": errors, "num_terminated": terminated}
 
 
 def train(seed: int) -> list[dict[str, Any]]:
@@ -174,7 +174,7 @@ def evaluate(flights: TransportVecEnv, act: Any) -> dict[str, Any]:
     return {
         "return": np.sum(rewards, axis=0).tolist(),
         "e_p_rms_m": np.sqrt((second_half**2).mean(0)).tolist(),
-        "lost": int(terminated.sum()),
+        "num_terminated": int(terminated.sum()),
     }
 
 
@@ -184,7 +184,7 @@ def plot(found: dict[str, Any], path: Path) -> None:
     minutes = [of["steps"] * SETTINGS["step_s"] / 60 for of in curves[0]]
     with style.style_context():
         figure = Figure(figsize=(style.PAGE_WIDTH, 2.4))
-        kinds = (("e_p_rms_m", 1e3, "RMS $e_p$, second half [mm]"), ("return", 1.0, "return [1]"))
+        kinds = (("e_p_rms_m", 1e3, r"$\|e_p\|$, RMS [mm]"), ("return", 1.0, "return [1]"))
         for ax, (kind, scale, label) in zip(figure.subplots(1, 2), kinds, strict=True):
             each = scale * np.array([[np.mean(of[kind]) for of in curve] for curve in curves])
             ax.fill_between(minutes, each.min(0), each.max(0), color="0.8", linewidth=0)
@@ -193,14 +193,14 @@ def plot(found: dict[str, Any], path: Path) -> None:
                 at, line_style = scale * np.mean(found[case][kind]), style.style_of(case)
                 ax.axhline(at, color=line_style.color, linestyle=line_style.dashes)
                 ax.annotate(NAMES[case], (minutes[-1], at), (5, 0), textcoords="offset points", va="center", fontsize=7)
-            ax.set(xlabel="flight time flown to learn [min]", ylabel=label, xlim=(0, minutes[-1]))
+            ax.set(xlabel="simulated training time [min]", ylabel=label, xlim=(0, minutes[-1]))
         figure.axes[0].set_yscale("log")
         figure.axes[0].yaxis.set_major_formatter("{x:g}")
         figure.axes[0].legend(loc=(0.02, 0.1))
         figure.savefig(path, dpi=200)
 
 
-NAMES = {"C1": "no action (C1)", "integral": "integral (I)", "C3": "learned (C3)"}
+NAMES = {"C1": "no action (C1)", "integral": "integral action", "C3": "learned (C3)"}
 
 
 def main() -> bool:
@@ -213,13 +213,13 @@ def main() -> bool:
         print(f"PPO   {summary_line([found[seed][k] for seed in SEEDS])}; {of['steps']} steps")
     plot(found, ROOT / "docs" / "figures" / "curve.png")
     last, none = [found[seed][-1] for seed in SEEDS], min(found["C1"]["e_p_rms_m"])
-    return all(max(of["e_p_rms_m"]) < none and not of["lost"] for of in last)
+    return all(max(of["e_p_rms_m"]) < none and not of["num_terminated"] for of in last)
 
 
 def summary_line(found: list[dict[str, Any]]) -> str:
     """Format median, minimum and maximum of the seeds' means, and the number of terminated flights."""
     e, returns = ([float(np.mean(of[kind])) for of in found] for kind in ("e_p_rms_m", "return"))
-    terminated = sum(of["lost"] for of in found)
+    terminated = sum(of["num_terminated"] for of in found)
     return (
         f"e_p {1e3 * np.median(e):6.1f} mm ({1e3 * min(e):.1f} to {1e3 * max(e):.1f}), "
         f"return {np.median(returns):6.1f} ({min(returns):.1f} to {max(returns):.1f}), {terminated} lost"

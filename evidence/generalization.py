@@ -29,6 +29,7 @@ from scipy.optimize import minimize
 from colift import gp, scenario
 from colift.analysis import metrics
 from colift.closed_loop import flight, signals, simulator, termination
+from colift.onboard.control import preview
 from colift.onboard.learning import (
     identification,
     mean_functions,
@@ -69,10 +70,8 @@ MAX_LENGTHSCALE_RATIO = 10.0
 
 def settings(condition: str, seed: int) -> Scenario:
     """Return the paper's scenario in another condition, with preview."""
-    preview_step = scenario.load_scenario("paper").online_correction.preview_step_s
-    return scenario.load_scenario(
-        "paper", [f"control.preview_step_s={preview_step}", *CONDITIONS[condition], f"seed={seed}"]
-    )
+    preview_step = f"control.preview_step_s={preview.PREVIEW_STEP}"
+    return scenario.load_scenario("paper", [preview_step, *CONDITIONS[condition], f"seed={seed}"])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -513,10 +512,10 @@ def simulate_item(item: str) -> dict[str, Any]:
     if case != "true_residual" and not stopped:
         e_L, e_x = rows.f_L_hat - rows.f_L, rows.f_x_hat - rows.f_x
         found |= {
-            "payload_force_N": metrics.rms_norm(e_L[:, :3]),
-            "payload_moment_Nm": metrics.rms_norm(e_L[:, 3:]),
-            "agents_force_N": float(np.sqrt((e_x**2).sum(2).mean())),
-            "team_force_N": metrics.rms_norm(e_L[:, :3] + e_x.sum(1)),
+            "payload_force_error_N": metrics.rms_norm(e_L[:, :3]),
+            "payload_moment_error_Nm": metrics.rms_norm(e_L[:, 3:]),
+            "agents_force_error_N": float(np.sqrt((e_x**2).sum(2).mean())),
+            "team_force_error_N": metrics.rms_norm(e_L[:, :3] + e_x.sum(1)),
         }
     if case not in ("true_residual", "label_feedback") and not stopped:
         bias = settings(condition, int(seed)).sensors.tip_force_bias_N
@@ -548,9 +547,9 @@ def negative_log_densities(
             )
         first += X.shape[1]
     return {
-        "payload_force_nats": float(load[:, :3].mean()),
-        "payload_moment_nats": float(load[:, 3:].mean()),
-        "agents_force_nats": float(np.mean(forces)),
+        "payload_force_nll_nats": float(load[:, :3].mean()),
+        "payload_moment_nll_nats": float(load[:, 3:].mean()),
+        "agents_force_nll_nats": float(np.mean(forces)),
     }
 
 
@@ -602,8 +601,8 @@ def main() -> bool:
 
 
 QUANTITIES = (
-    *("payload_force_N", "payload_moment_Nm", "agents_force_N", "team_force_N"),
-    *("payload_force_nats", "payload_moment_nats", "agents_force_nats"),
+    *("payload_force_error_N", "payload_moment_error_Nm", "agents_force_error_N", "team_force_error_N"),
+    *("payload_force_nll_nats", "payload_moment_nll_nats", "agents_force_nll_nats"),
 )
 
 if __name__ == "__main__":

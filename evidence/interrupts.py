@@ -116,7 +116,7 @@ def run_trial(item: str) -> dict[str, Any]:
             try:
                 run.wait(at)
             except subprocess.TimeoutExpired:
-                return _interrupted(run, tries.signal, out) | {"at_s": round(time.monotonic() - began, 2)}
+                return _interrupted(run, tries.signal, out) | {"signal_time_s": round(time.monotonic() - began, 2)}
         at *= 0.8  # it had ended: the machine is faster than when the whole run was timed
 
 
@@ -126,10 +126,10 @@ def _interrupted(run: subprocess.Popen[str], number: signal.Signals, out: Path) 
     _, output = run.communicate(timeout=60)
     took = time.monotonic() - requested
     return {
-        "took_s": round(took, 2),
-        "said": output.splitlines()[-1:],
-        "left": sorted(path.name for path in out.iterdir()) if out.exists() else [],
-        "wrong": [*_wrong(run.returncode, 128 + number, output, took), *_broken(out)],
+        "exit_time_s": round(took, 2),
+        "last_message": output.splitlines()[-1:],
+        "remaining_files": sorted(path.name for path in out.iterdir()) if out.exists() else [],
+        "failures": [*_wrong(run.returncode, 128 + number, output, took), *_broken(out)],
     }
 
 
@@ -179,12 +179,12 @@ def main() -> bool:
     found = collect("interrupts", items, run_trial)
     for kind, tries in TRIES.items():
         each = [found[f"{kind} {k}"] for k in range(tries.number)]
-        clean, longest = sum(not one["wrong"] for one in each), max(one["took_s"] for one in each)
+        clean, longest = sum(not one["failures"] for one in each), max(one["exit_time_s"] for one in each)
         print(f"{kind}: {clean} of {tries.number} end cleanly, after {longest:.1f} s at most")
     for item in items:
-        for wrong in found[item]["wrong"]:
+        for wrong in found[item]["failures"]:
             print(f"{item}: {wrong}")
-    return not any(found[item]["wrong"] for item in items)
+    return not any(found[item]["failures"] for item in items)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ def run(file: str) -> dict[str, Any]:
         "passed": sum(not tags & {"failure", "error", "skipped"} for tags in outcome.values()),
         "skipped": sorted(name for name, tags in outcome.items() if "skipped" in tags),
         "failed": sorted(name for name, tags in outcome.items() if tags & {"failure", "error"}),
-        "s": round(sum(float(case.get("time", 0)) for case in cases), 1),
+        "duration_s": round(sum(float(case.get("time", 0)) for case in cases), 1),
     }
 
 
@@ -44,7 +44,8 @@ def main() -> bool:
     for file in files():
         each = found[file]
         print(
-            f"{file}: {each['passed']} passed in {each['s']:.0f} s" + "".join(f", FAILED {x}" for x in each["failed"])
+            f"{file}: {each['passed']} passed in {each['duration_s']:.0f} s"
+            + "".join(f", FAILED {x}" for x in each["failed"])
         )
     return not any(each["failed"] for each in found.values())
 

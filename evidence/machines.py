@@ -69,7 +69,7 @@ def run(setting: str) -> dict[str, Any]:
         "status": done.returncode,
         **counts,
         "failures": re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE),
-        "wall_s": round(time.perf_counter() - began),
+        "wall_time_s": round(time.perf_counter() - began),
         # the largest of all processes so far: of this run, or of one before
         "largest_process_MB": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss // 1024,
     }
@@ -81,7 +81,7 @@ def main() -> bool:
     for setting, one in found.items():
         print(
             f"{setting:<16} order {one['order']}: {one.get('passed', 0)} passed, {len(one['failures'])} failed, "
-            f"{one['wall_s']} s, largest process {one['largest_process_MB']} MB"
+            f"{one['wall_time_s']} s, largest process {one['largest_process_MB']} MB"
         )
     return all(one["status"] == 0 and one["largest_process_MB"] <= WORKER_MB for one in found.values())
 

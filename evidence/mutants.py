@@ -396,18 +396,18 @@ def run(name: str) -> dict[str, Any]:
             )
             if done.returncode == 1:
                 (by,) = re.findall(r"^(?:FAILED|ERROR) (\S+?)(?:\[.*)?(?: - .*)?$", done.stdout, re.MULTILINE)[:1]
-                return {"lives": False, "seen_by": by}
+                return {"survived": False, "killed_by": by}
             if done.returncode not in (0, 5):  # 5: no test is selected
                 raise RuntimeError(f"{name}: the tests could not run:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")
-    return {"lives": True, "seen_by": None}
+    return {"survived": True, "killed_by": None}
 
 
 def main() -> bool:
     """Print the test that detects each mutant; return whether all are detected."""
     found = collect("mutants", MUTANTS, run)
     for name in MUTANTS:
-        print(f"{name:<56} {'NOT DETECTED' if found[name]['lives'] else found[name]['seen_by']}")
-    return not any(found[name]["lives"] for name in MUTANTS)
+        print(f"{name:<56} {'NOT DETECTED' if found[name]['survived'] else found[name]['killed_by']}")
+    return not any(found[name]["survived"] for name in MUTANTS)
 
 
 if __name__ == "__main__":

@@ -85,7 +85,7 @@ def build_and_replay(
         words = [part.format(program=program, flight=folder / "flight.bin", repeats=repeats) for part in run]
         output = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     found = {name: float(value) for name, value in (line.split() for line in output.splitlines())}
-    return found | {"text_bytes": int(size[6]), "compiler": version(command), "flags": " ".join(flags[:6])}
+    return found | {"code_bytes": int(size[6]), "compiler": version(command), "flags": " ".join(flags[:6])}
 
 
 def version(command: str) -> str:
@@ -137,16 +137,20 @@ def main() -> bool:
     """
     found = collect("onboard", TARGETS, replay_on)
     for target, row in found.items():
-        sizes = [row[f"{what}_bytes"] / 1e3 for what in ("text", "state", "model")]
+        sizes = [row[f"{what}_bytes"] / 1e3 for what in ("code", "state", "model")]
         print(
-            f"{target:<26} largest difference {row['largest_difference']:.2g} (relative "
-            f"{row['largest_relative_difference']:.2g}), step {row['median_us']:.0f} us, "
-            f"99.9 % {row['p999_us']:.0f} us; kB of code, memory, learned: {', '.join(f'{x:.0f}' for x in sizes)}"
+            f"{target:<26} largest difference {row['max_difference']:.2g} (relative "
+            f"{row['max_relative_difference']:.2g}), step {row['step_time_median_us']:.0f} us, "
+            f"99.9 % {row['step_time_p999_us']:.0f} us; "
+            f"kB of code, state, model: {', '.join(f'{x:.0f}' for x in sizes)}"
         )
     alike = [target for target in TARGETS if target not in ("x86-64, contracted", "x86-64, single precision")]
-    exact = [found[target]["largest_relative_difference"] <= EXACT for target in alike]
-    fast = found["x86-64, AVX2"]["median_us"] <= MEDIAN_US and found["x86-64, AVX2"]["p999_us"] <= P999_US
-    return all(exact) and fast and found["x86-64, single precision"]["largest_relative_difference"] <= SINGLE
+    exact = [found[target]["max_relative_difference"] <= EXACT for target in alike]
+    fast = (
+        found["x86-64, AVX2"]["step_time_median_us"] <= MEDIAN_US
+        and found["x86-64, AVX2"]["step_time_p999_us"] <= P999_US
+    )
+    return all(exact) and fast and found["x86-64, single precision"]["max_relative_difference"] <= SINGLE
 
 
 if __name__ == "__main__":

@@ -18,7 +18,8 @@ from colift import scenario
 from colift.analysis import metrics
 from colift.closed_loop import log
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
-from colift.scenario import Scenario, experiment
+from colift.onboard.control import preview
+from colift.scenario import Scenario, controllers, experiment
 from evidence import collect
 from evidence.targets import Target
 
@@ -26,6 +27,7 @@ SAMPLES = 200
 CASES = ("C3", "label_feedback", "adaptive", "true_residual")
 LEAD_TIME = 0.04  # s, of the second variant of label_feedback
 DELAYS = ((0, 0), (3, 4), (5, 4))  # ticks, true and nominal; each pair is compiled separately
+DECAYING = "gp_label_feedback decaying"  # with the decaying correction of `adaptive`
 CHANGE_TIME, EVALUATION_START = 13.0, 14.5  # s
 SECOND_HALF, AFTER_CHANGE = (10.0, 20.0), (CHANGE_TIME, CHANGE_TIME + 1)  # s
 
@@ -34,34 +36,38 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
     """Return the scenario of a sample and its random parameters."""
     rng = np.random.default_rng((2026, sample))
     parameters = {
-        "turn_deg": float(rng.uniform(-180, 180)) * (rng.random() < 0.7),
-        "added_kg": 1.5 * float(rng.uniform(-0.2, 0.4)) * (rng.random() < 0.6),
-        "offset_m": [float(x) for x in rng.uniform(-1, 1, 2) * (rng.random() < 0.4)],
-        "lag_s": float(rng.uniform(0, 0.03)),
-        "wrong": float(rng.uniform(0.7, 1.3)),
-        "delays": DELAYS[sample % len(DELAYS)],
-        "loss": float(rng.uniform(0, 1)) if rng.random() < 0.4 else 0.0,
-        "dead_s": 16.0 if rng.random() < 0.3 else None,
-        "noise": float(rng.uniform(0.5, 3.0)),
+        "wind_turn_deg": float(rng.uniform(-180, 180)) * (rng.random() < 0.7),
+        "added_mass_kg": 1.5 * float(rng.uniform(-0.2, 0.4)) * (rng.random() < 0.6),
+        "path_offset_m": [float(x) for x in rng.uniform(-1, 1, 2) * (rng.random() < 0.4)],
+        "actuator_lag_s": float(rng.uniform(0, 0.03)),
+        "nominal_lag_ratio": float(rng.uniform(0.7, 1.3)),
+        "delay_ticks": DELAYS[sample % len(DELAYS)],
+        "dropout_probability": float(rng.uniform(0, 1)) if rng.random() < 0.4 else 0.0,
+        "label_failure_time_s": 16.0 if rng.random() < 0.3 else None,
+        "noise_scale": float(rng.uniform(0.5, 3.0)),
     }
     base = scenario.load_scenario("paper")
     data = base.model_dump()
     for source in data["disturbances"]:
         if source["kind"] == "wind":
             source["direction_change"] = {
-                "change_deg": parameters["turn_deg"],
+                "change_deg": parameters["wind_turn_deg"],
                 "start_s": CHANGE_TIME,
                 "ramp_time_s": 0.3,
             }
-    data["payload_mass_step"] = {"mass_kg": parameters["added_kg"], "start_s": CHANGE_TIME}
-    data["reference"]["departure"] = {"offset_m": [*parameters["offset_m"], 0.0], "start_s": 11.0, "ramp_time_s": 3.0}
-    fast = 1 / max(2 * np.pi * parameters["lag_s"], 1e-4)
+    data["payload_mass_step"] = {"mass_kg": parameters["added_mass_kg"], "start_s": CHANGE_TIME}
+    data["reference"]["departure"] = {
+        "offset_m": [*parameters["path_offset_m"], 0.0],
+        "start_s": 11.0,
+        "ramp_time_s": 3.0,
+    }
+    fast = 1 / max(2 * np.pi * parameters["actuator_lag_s"], 1e-4)
     tick = 1 / base.control_Hz
-    true, nominal = parameters["delays"]
+    true, nominal = parameters["delay_ticks"]
     data["actuators"] = {"kind": "motors", "bandwidth_Hz": fast, "delay_s": true * tick}
-    data["nominal"]["actuators"] = {"bandwidth_Hz": fast / parameters["wrong"], "delay_s": nominal * tick}
+    data["nominal"]["actuators"] = {"bandwidth_Hz": fast / parameters["nominal_lag_ratio"], "delay_s": nominal * tick}
     data["sensors"] |= {
-        name: x * parameters["noise"]
+        name: x * parameters["noise_scale"]
         for name, x in data["sensors"].items()
         if isinstance(x, float) and "Hz" not in name
     }
@@ -69,10 +75,10 @@ def draw(sample: int) -> tuple[Scenario, dict[str, Any]]:
         "kind": "intermittent",
         "channels": ["agents.lam"],
         "rate_Hz": base.control_Hz,
-        "dropout_probability": min(parameters["loss"], 0.99),
+        "dropout_probability": min(parameters["dropout_probability"], 0.99),
     }
-    data["sensors"]["models"] = [ended | {"failure_time_s": parameters["dead_s"]}]
-    data["control"]["preview_step_s"] = base.online_correction.preview_step_s
+    data["sensors"]["models"] = [ended | {"failure_time_s": parameters["label_failure_time_s"]}]
+    data["control"]["preview_step_s"] = preview.PREVIEW_STEP
     data["seed"] = 1000 + sample
     return Scenario.model_validate(data), parameters
 
@@ -81,24 +87,24 @@ def simulate_item(item: str) -> dict[str, Any]:
     """Return for each case of a sample the RMS position error after the changes [m] and other metrics."""
     settings, parameters = draw(int(item))
     experiments = experiment.make_experiments(
-        settings, (*CASES, *(["gp_label_feedback"] if parameters["dead_s"] else []))
+        settings, (*CASES, *(["gp_label_feedback"] if parameters["label_failure_time_s"] else []))
     )
-    experiments["label_feedback led"] = with_lead_time(settings)
-    if parameters["dead_s"]:
-        experiments["faded"] = with_decay(experiments["gp_label_feedback"], experiments["adaptive"])
+    experiments["label_feedback tuned_lead"] = with_lead_time(settings)
+    if parameters["label_failure_time_s"]:
+        experiments[DECAYING] = decaying(experiments["gp_label_feedback"], experiments["adaptive"])
     cases = {case: simulate_case(case_experiment) for case, case_experiment in experiments.items()}
     if cases["adaptive"]["termination_reason"]:
         cases["C1"] = simulate_case(experiment.make_experiment(settings, "C1"))
-    return {"asked": parameters, **cases}
+    return {"sample": parameters, **cases}
 
 
 def with_lead_time(settings: Scenario) -> Experiment:
     """Return the experiment of `label_feedback` with the best lead time in nominal conditions."""
-    longer = settings.online_correction.model_copy(update={"lead_time_s": LEAD_TIME})
-    return experiment.make_experiment(settings.model_copy(update={"online_correction": longer}), "label_feedback")
+    plan = experiment.make_experiment(settings, "label_feedback")
+    return dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, LEAD_TIME))
 
 
-def with_decay(constant_correction: Experiment, adaptive: Experiment) -> Experiment:
+def decaying(constant_correction: Experiment, adaptive: Experiment) -> Experiment:
     """Return the experiment of `gp_label_feedback` with the decaying correction of `adaptive`."""
     with_decay = dataclasses.replace(
         constant_correction.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
@@ -116,12 +122,12 @@ def simulate_case(case_experiment: Experiment) -> dict[str, Any]:
     first_second = late & (rows.t < EVALUATION_START + 1)
     return {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
-        "e_p_soon_m": metrics.rms_norm(rows.e_p[first_second]) if first_second.any() else None,
+        "e_p_rms_first_second_m": metrics.rms_norm(rows.e_p[first_second]) if first_second.any() else None,
         "termination_reason": flight.termination_reason,
-        "chatter_N": metrics.high_frequency_rms(metrics.second_half(rows)),
+        "contact_force_hf_rms_N": metrics.high_frequency_rms(metrics.second_half(rows)),
         "miscoverage": {
             name: miscoverage(flight, *span)
-            for name, span in (("second_half", SECOND_HALF), ("changing", AFTER_CHANGE))
+            for name, span in (("second_half", SECOND_HALF), ("after_change", AFTER_CHANGE))
         },
     }
 
@@ -151,7 +157,7 @@ def main() -> bool:
     found_of = collect("react", map(str, range(SAMPLES)), simulate_item)
     ended = {
         case: [item for item, found in found_of.items() if found[case]["termination_reason"]]
-        for case in (*CASES, "label_feedback led")
+        for case in (*CASES, "label_feedback tuned_lead")
     }
     print("ended early: " + ", ".join(f"{case} {len(items)}" for case, items in ended.items()))
     whole = {
@@ -160,7 +166,7 @@ def main() -> bool:
         if not any(found[case]["termination_reason"] for case in ("adaptive", "true_residual"))
     }
 
-    for case in (*CASES, "label_feedback led"):
+    for case in (*CASES, "label_feedback tuned_lead"):
         e = [1e3 * error(f, case) for f in whole.values()]
         spread = f"median {np.median(e):.1f} mm, 90 % {np.quantile(e, 0.9):.1f}, worst {max(e):.1f}"
         print(f"{case:5} e_p after the changes: {spread}")
@@ -188,35 +194,42 @@ def targets(found_of: dict[str, Any]) -> list[Target]:
         for found in found_of.values()
         if not any(found[case]["termination_reason"] for case in ("adaptive", "true_residual"))
     ]
-    with_labels = [f for f in every if f["asked"]["dead_s"] is None]
-    without_labels = [f for f in every if f["asked"]["dead_s"] is not None]
-    stepped = [f for f in every if abs(f["asked"]["turn_deg"]) > 30 or abs(f["asked"]["added_kg"]) > 0.1]
-    first_second = [f["adaptive"]["e_p_soon_m"] / f["true_residual"]["e_p_soon_m"] for f in stepped]
-    outside = {span: [f["adaptive"]["miscoverage"][span] for f in every] for span in ("second_half", "changing")}
+    with_labels = [f for f in every if f["sample"]["label_failure_time_s"] is None]
+    without_labels = [f for f in every if f["sample"]["label_failure_time_s"] is not None]
+    stepped = [f for f in every if abs(f["sample"]["wind_turn_deg"]) > 30 or abs(f["sample"]["added_mass_kg"]) > 0.1]
+    first_second = [
+        f["adaptive"]["e_p_rms_first_second_m"] / f["true_residual"]["e_p_rms_first_second_m"] for f in stepped
+    ]
+    outside = {span: [f["adaptive"]["miscoverage"][span] for f in every] for span in ("second_half", "after_change")}
     parameters = (  # quantity, values, largest value, required share of the flights
         ("labels available: e_p of adaptive over true_residual", over(with_labels, "true_residual"), 2.5, 0.9),
         (
             "labels lost: e_p of adaptive over the smallest of C3, gp_label_feedback and its decaying variant",
-            over(without_labels, "C3", "gp_label_feedback", "faded"),
+            over(without_labels, "C3", "gp_label_feedback", DECAYING),
             1.15,
             1.0,
         ),
         ("e_p of adaptive over the smaller of C3 and label_feedback", over(every, "C3", "label_feedback"), 1.15, 1.0),
         (
             "the same, with label_feedback also at its best lead time",
-            over(every, "C3", "label_feedback", "label_feedback led"),
+            over(every, "C3", "label_feedback", "label_feedback tuned_lead"),
             1.15,
             1.0,
         ),
         ("1.5 s to 2.5 s after a step change: e_p of adaptive over true_residual", first_second, 2.0, 1.0),
-        ("contact forces of adaptive above 20 Hz [N RMS]", [f["adaptive"]["chatter_N"] for f in every], 0.2, 1.0),
+        (
+            "contact forces of adaptive above 20 Hz [N RMS]",
+            [f["adaptive"]["contact_force_hf_rms_N"] for f in every],
+            0.2,
+            1.0,
+        ),
         (
             "share of errors of adaptive beyond 1.96 predictive standard deviations, second half",
             outside["second_half"],
             0.1,
             1.0,
         ),
-        ("the same, within 1 s after a change", outside["changing"], 0.1, 1.0),
+        ("the same, within 1 s after a change", outside["after_change"], 0.1, 1.0),
     )
     shares = []
     for what, ratios, maximum, least in parameters:

@@ -42,10 +42,13 @@ import evidence
 
 LIMIT_S = 600.0
 UNCOMPARED = {
-    *("wall_s", "cpu_s", "ours_cpu_s", "cpu_over_ours", "cost_s", "took_s", "at_s", "s", "median_us", "p999_us"),
-    *("largest_process_MB", "versions", "compiler", "drake"),
+    *("wall_time_s", "cpu_time_s", "colift_cpu_time_s", "cpu_time_over_colift", "computation_time_s"),
+    *("exit_time_s", "signal_time_s", "duration_s", "step_time_median_us", "step_time_p999_us"),
+    *("largest_process_MB", "versions", "compiler", "drake_version"),
 }
-MESSAGES = {"says", "message", "said", "termination_reason", "warnings", "wrong", "failures", "skipped", "seen_by"}
+MESSAGES = {
+    *("report", "message", "last_message", "termination_reason", "warnings", "failures", "skipped", "killed_by"),
+}
 ITEMS = {  # the item that is replayed, where it is not the first that is stored: cheap, and of much of the code
     "certified": "101",
     "changes": "home: adaptive: 0",

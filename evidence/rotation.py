@@ -134,8 +134,8 @@ def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, f
         "angle": bound.angle / angle,
         "Psi": bound.Psi / (1 - float(np.cos(angle))),
         "e_omega": bound.e_omega / float(found["e_omega"]),
-        "by_trap": bound.lyapunov_bound / angle,
-        "textbook": textbook(k_R, k_omega, size * k_R) / float(found["e_R"]),
+        "angle_by_lyapunov": bound.lyapunov_bound / angle,
+        "e_R_textbook": textbook(k_R, k_omega, size * k_R) / float(found["e_R"]),
     }
 
 

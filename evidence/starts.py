@@ -27,21 +27,21 @@ def simulate_item(item: str) -> dict[str, Any]:
             if flight.termination_reason
             else metrics.summary(flight, case_experiment.world.team, case_experiment.controller.team)["e_p_rms_m"]
         )
-    return {"sound": found.passed, "says": found.format_report(), "e_p_rms_m": errors}
+    return {"passed": found.passed, "report": found.format_report(), "e_p_rms_m": errors}
 
 
 def main() -> bool:
-    """Every team must pass the check, complete its flights, and reduce its error with each learned part."""
+    """Every team passes the preflight check, complete its flights, and reduce its error with each learned part."""
     items = [f"{agents} x {arms}" for agents, arms in TEAMS]
     found, good = collect("starts", items, simulate_item), True
     for item in items:
         errors = found[item]["e_p_rms_m"]
         ended = [errors[case] for case in ("C1", "C2", "C3") if errors[case] is not None]
         falls = len(ended) == 3 and ended[0] > ended[1] > ended[2]
-        good &= falls and found[item]["sound"]
+        good &= falls and found[item]["passed"]
         output = ", ".join(f"{case} {'stopped' if e is None else f'{1e3 * e:.1f} mm'}" for case, e in errors.items())
         print(
-            f"{item:6} {'sound' if found[item]['sound'] else 'NOT sound'}, {output}{'' if falls else ': NOT in order'}"
+            f"{item:6} {'passed' if found[item]['passed'] else 'FAILED'}, {output}{'' if falls else ': NOT in order'}"
         )
     return good
 

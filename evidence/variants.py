@@ -28,25 +28,26 @@ TEAMS = ("trio", "uneven", "leader_block", "beam", "seven")
 def simulate_item(item: str) -> list[dict[str, Any]]:
     """Return the trials of an item.
 
-    Items are `unknown K`, all worst-case residuals of a round; a kind of flight and K, with `filtered` for `sensors`
+    Items are `worst_case K`, all residuals of a round; a kind of flight and K, with `sensor_noise_filtered`
+    being `sensor_noise`
     with filters for their noise; or a team and K.
     """
     kind, k = item.rsplit(" ", 1)
-    if kind == "unknown":
-        return trial_values(_settings(), [f"{each} {k}" for each in falsification.ADVERSARIAL_DISTURBANCE])
+    if kind == "worst_case":
+        return trial_values(_settings(), [f"{each}:{k}" for each in falsification.RESIDUAL_TRIALS])
     if kind in TEAMS:
-        return trial_values(with_team_of(kind), [f"seed {k}"])
-    if kind == "filtered":
-        return trial_values(with_sensor_noise(_settings()), [f"sensors {k}"])
-    return trial_values(_settings(), [item])
+        return trial_values(with_team_of(kind), [f"seed:{k}"])
+    if kind == "sensor_noise_filtered":
+        return trial_values(with_sensor_noise(_settings()), [f"sensor_noise:{k}"])
+    return trial_values(_settings(), [f"{kind}:{k}"])
 
 
 def trial_values(settings: Scenario, names: list[str]) -> list[dict[str, Any]]:
     """Return the stored values of trials; ratios of flights that end early within finite bounds are null."""
     out = []
     for one in falsification.falsify(settings, names):
-        ratios = {error: ratio if math.isfinite(ratio) else None for error, ratio in one.ratios.items()}
-        out.append({**dataclasses.asdict(one), "ratios": ratios, "breaks": one.is_violated})
+        ratios = {error: ratio if math.isfinite(ratio) else None for error, ratio in one.observed_over_bound.items()}
+        out.append({**dataclasses.asdict(one), "observed_over_bound": ratios, "violated": one.is_violated})
     return out
 
 
@@ -68,18 +69,28 @@ def _settings() -> Scenario:
 
 def main() -> bool:
     """Print the worst trial of each kind and the reasons of missing bounds; no bound may be violated."""
-    flights = [f"{kind} {k}" for k in range(ROUNDS) for kind in (*falsification.TRIAL_KINDS, "filtered")]
-    items = [*flights, *(f"unknown {k}" for k in range(ROUNDS)), *(f"{name} {k}" for k in range(2) for name in TEAMS)]
+    flights = [
+        f"{kind} {k}" for k in range(ROUNDS) for kind in (*falsification.SCENARIO_TRIALS, "sensor_noise_filtered")
+    ]
+    items = [
+        *flights,
+        *(f"worst_case {k}" for k in range(ROUNDS)),
+        *(f"{name} {k}" for k in range(2) for name in TEAMS),
+    ]
     found = collect("variants", items, simulate_item)
     of: dict[str, list[dict[str, Any]]] = {}
     for item in items:
         of.setdefault(item.rsplit(" ", 1)[0], []).extend(found[item])
     holds = falsification.STUDY_NOISE == NOISE
     for kind, each in of.items():
-        held = [one for one in each if one["ratios"] and None not in one["ratios"].values()]
-        worst = {e: max((one["ratios"][e] for one in held if e in one["ratios"]), default=None) for e in ERRORS}
+        held = [one for one in each if one["observed_over_bound"] and None not in one["observed_over_bound"].values()]
+        ratios = [one["observed_over_bound"] for one in held]
+        worst = {e: max((each[e] for each in ratios if e in each), default=None) for e in ERRORS}
         output = ", ".join(f"{error} {ratio:.3f}" for error, ratio in worst.items() if ratio is not None)
-        broken, left = [one["name"] for one in each if one["breaks"]], sum(one["violations"] for one in held)
+        broken, left = (
+            [one["name"] for one in each if one["violated"]],
+            sum(one["num_components_outside"] for one in held),
+        )
         print(f"{kind:13} {len(held)} of {len(each)} have radii: {output}; broken {broken}; beyond spans {left} times")
         holds &= not broken and all(one["message"] for one in each if one not in held)
         for why, many in Counter(one["message"] for one in each if one["message"]).items():

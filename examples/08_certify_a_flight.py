@@ -16,13 +16,13 @@ def main() -> None:
     certificate = result.certificate
     start, end = certificate.window
     print(f"errors observed from {start:.0f} to {end:.0f} s")
-    for method, bounds in certificate.radii.items():
+    for method, bounds in certificate.ultimate_bounds.items():
         for error, bound in bounds.a_posteriori.items():
             observed = certificate.observed[error]
             print(f"{method:>8}, {error:>7}: at most {bound:.3g}, observed {observed:.3g}")
         print(f"{'':>8}  assumed: {', '.join(bounds.assumptions)}")
-    if certificate.exceeded:
-        raise SystemExit(f"above their bound: {', '.join(sorted({each.error for each in certificate.exceeded}))}")
+    if certificate.violations:
+        raise SystemExit(f"above their bound: {', '.join(sorted({each.error for each in certificate.violations}))}")
 
 
 if __name__ == "__main__":

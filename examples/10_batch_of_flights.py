@@ -1,7 +1,7 @@
 """Batch of flights: the loop is a function of PyTrees, so `jax.vmap` simulates a batch, also in native code.
 
-Eight flights of three vehicles with a plate have residual forces scaled by zero to two. Run it with
-`python examples/10_batch_of_flights.py`. Series of seeds are described in docs/campaigns.md.
+Eight flights of three vehicles with a plate have residual forces scaled by zero to two. docs/campaigns.md describes
+series of seeds. Run it with `python examples/10_batch_of_flights.py`.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ import ctypes
 import dataclasses
 import gc
 import importlib.util
+import logging
 import os
 import pkgutil
 import resource
@@ -124,6 +125,29 @@ def _quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
     build.OPTIMIZED_FLAGS, build.QUICK_FLAGS = levels
     jax.config.update("jax_disable_most_optimizations", False)
     build.build_environment.cache_clear()
+
+
+class Fallbacks(logging.Handler):
+    """The warnings that a function without native code runs on JAX."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.found: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if "run on JAX, " in record.getMessage():
+            self.found.append(record.getMessage())
+
+
+@pytest.fixture(autouse=True)
+def _native_code_exists(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fail a test in which a function runs on JAX because the code generator does not support an operation."""
+    log, fallbacks = logging.getLogger("colift.codegen"), Fallbacks()
+    log.addHandler(fallbacks)
+    yield
+    log.removeHandler(fallbacks)
+    if fallbacks.found and request.node.get_closest_marker("jax_fallback") is None:
+        pytest.fail(fallbacks.found[0])
 
 
 @pytest.fixture(autouse=True)

@@ -36,10 +36,11 @@ CASES = {
     "parametric": "identified rigid-body parameters",
     "regression": "ridge regression on stated basis functions",
     "label_feedback": "label feedback without a model",
-    "label_feedback led": "label feedback at its best lead time",
+    "label_feedback tuned_lead": "label feedback at its best lead time",
     "gp_label_feedback": "C3 with label feedback",
     "true_residual": "exact residual at the estimated state",
 }
+NUMBER = re.compile(r"(-|none|[-+]?\d[\d.e+-]*( \(.*\)| of \d+)?)$")  # also with its range, or a count
 ERRORS = {"e_p": "position", "e_v": "velocity", "e_R": "attitude", "e_omega": "angular velocity"}
 
 Cell = str | int | float | bool | None
@@ -58,9 +59,10 @@ def table(results: str) -> Callable[[Table], Table]:
 
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[Cell]]) -> str:
-    """Return a Markdown table; numbers get three significant digits, columns after the first are centered."""
-    lines = [header, ["---", *[":---:"] * (len(header) - 1)]]
-    lines += [[text(cell) for cell in row] for row in rows]
+    """Return a Markdown table; numbers get three significant digits, and columns of numbers are right-aligned."""
+    body = [[text(cell) for cell in row] for row in rows]
+    columns = list(zip(*body, strict=True)) or [()] * len(header)
+    lines = [header, ["---:" if column and all(map(NUMBER.match, column)) else "---" for column in columns], *body]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 

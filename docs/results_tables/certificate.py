@@ -28,7 +28,7 @@ def _array(runs: list[dict[str, Any]], *keys: str) -> np.ndarray:
 
 
 def _runs(kind: str = "") -> list[dict[str, Any]]:
-    """Return certified runs: the draws, or those of the kind `adversary` or `noise`."""
+    """Return certified runs: the draws, or those of the kind `adversarial_test` or `noise`."""
     return [one for item, one in items("certified").items() if item.partition(" ")[2] == kind]
 
 
@@ -41,9 +41,9 @@ def bound_tightness() -> str:
     runs = _runs()
     rows = []
     for name in ("recovery", "energy"):
-        for scope, meaning in (("tube", "any run"), ("run", "the executed run")):
+        for scope, meaning in (("a_priori", "any run"), ("a_posteriori", "the executed run")):
             for error in ERRORS:
-                bound, observed = _array(runs, "radii", name, scope, error), _array(runs, "observed", error)
+                bound, observed = _array(runs, "ultimate_bounds", name, scope, error), _array(runs, "observed", error)
                 ratio = bound / observed
                 exceeded = int((observed > bound).sum())
                 rows.append(
@@ -63,7 +63,7 @@ def nominal_share() -> str:
     runs = _runs()
     rows = []
     for error in ERRORS:
-        share = 100 * _array(runs, "floor", error) / _array(runs, "observed", error)
+        share = 100 * _array(runs, "nominal_error", error) / _array(runs, "observed", error)
         rows.append(
             (f"{ERRORS[error]} `{error}`", float(np.median(share)), float(share.min()), float(share.max()), len(runs))
         )
@@ -76,15 +76,15 @@ def bound_targets() -> str:
     runs, asked = _runs(), limits("certified")["TARGETS"]
     rows: list[tuple[Any, ...]] = []
     for error in ERRORS:
-        bound = _array(runs, "radii", "recovery", "tube", error)
-        ratio = (bound - _array(runs, "floor", error)) / _array(runs, "unknown", error)
+        bound = _array(runs, "ultimate_bounds", "recovery", "a_priori", error)
+        ratio = (bound - _array(runs, "nominal_error", error)) / _array(runs, "disturbance_response", error)
         for what, value, most in zip(("median", "95 %"), _two(ratio), asked[error], strict=True):
             text = f"`{error}`: (bound - nominal error) over the effect of unknown forces, {what}"
             rows.append((text, value, f"at most {most}", value <= most))
-    against = _runs("adversary")
-    reached = _array(against, "adversary", "observed", "e_p")
-    before = _array(against, "radii", "recovery", "tube", "e_p") / reached
-    after = _array(against, "adversary", "radii", "recovery", "run", "e_p") / reached
+    against = _runs("adversarial_test")
+    reached = _array(against, "adversarial_test", "observed", "e_p")
+    before = _array(against, "ultimate_bounds", "recovery", "a_priori", "e_p") / reached
+    after = _array(against, "adversarial_test", "ultimate_bounds", "recovery", "a_posteriori", "e_p") / reached
     rows += [
         (
             "bound known before the run over error under adversarial forces, greatest",
@@ -96,9 +96,9 @@ def bound_targets() -> str:
         ("bound of the adversarial run over its error, least", after.min(), "at least 1", bool((after >= 1).all())),
         ("the same, greatest", after.max(), "-", None),
     ]
-    flown = [*runs, *(run["adversary"] for run in against), *_runs("noise")]
-    for scope, meaning in (("tube", "any run"), ("run", "the executed run")):
-        left = int(_array(flown, "components_left", scope).sum())
+    flown = [*runs, *(run["adversarial_test"] for run in against), *_runs("noise")]
+    for scope, meaning in (("a_priori", "any run"), ("a_posteriori", "the executed run")):
+        left = int(_array(flown, "num_components_outside", scope).sum())
         rows.append((f"error components outside their interval, {meaning}", left, "0", left == 0))
     return markdown(("target", "measured", "limit", "met"), rows)
 
@@ -106,10 +106,14 @@ def bound_targets() -> str:
 @table("certified")
 def linearization_error() -> str:
     """The error that the linearized closed loop does not contain, over the bound for any run."""
-    runs = [*_runs(), *(run["adversary"] for run in _runs("adversary"))]
+    runs = [*_runs(), *(run["adversarial_test"] for run in _runs("adversarial_test"))]
     rows = []
     for error in ERRORS:
-        share = 100 * _array(runs, "beyond", error) / _array(runs, "radii", "recovery", "tube", error)
+        share = (
+            100
+            * _array(runs, "linearization_error", error)
+            / _array(runs, "ultimate_bounds", "recovery", "a_priori", error)
+        )
         rows.append((f"{ERRORS[error]} `{error}`", *_two(share), len(runs)))
     return markdown(("error", "linearization error over bound, median [%]", "95 %", "n"), rows)
 
@@ -123,22 +127,25 @@ def methods() -> str:
     found = items("rivals")
     each = [one for item, one in found.items() if item.startswith("seed ")]
     batches = [one for item, one in found.items() if item.startswith("calibration ")]
-    past, confidence = [run for one in batches for run in one["reached"]], limits("rivals")["CONFIDENCE"]
+    past, confidence = [run for one in batches for run in one["observed_errors"]], limits("rivals")["CONFIDENCE"]
     rank = math.ceil((len(past) + 1) * confidence) - 1
     quantile = {error: sorted(run[error] for run in past)[rank] for error in ERRORS}
-    drawn = "drawn itself" if "drawn itself" in each[0]["reached"] else next(iter(each[0]["reached"]))
+    drawn = next(iter(each[0]["observed_errors"]))
     cost = {
-        **dict.fromkeys(("recovery", "energy"), _cost(each, "ours")),
-        **dict.fromkeys(("pointwise", "L1"), _cost(each, "pointwise, L1")),
-        "conformal": sum(one["cost_s"] for one in batches),
+        **dict.fromkeys(("recovery", "energy"), _cost(each, "colift")),
+        **dict.fromkeys(("pointwise", "L1"), _cost(each, "pointwise and L1")),
+        "conformal": sum(one["computation_time_s"] for one in batches),
     }
     rows = []
     for method, meaning in METHODS.items():
-        bounds = [quantile if method == "conformal" else one["radii"][method] for one in each]
+        bounds = [quantile if method == "conformal" else one["ultimate_bounds"][method] for one in each]
         over = [
             float(
                 np.median(
-                    [bound[error] / one["reached"][drawn][error] for one, bound in zip(each, bounds, strict=True)]
+                    [
+                        bound[error] / one["observed_errors"][drawn][error]
+                        for one, bound in zip(each, bounds, strict=True)
+                    ]
                 )
             )
             for error in ERRORS
@@ -146,12 +153,12 @@ def methods() -> str:
         broken = Counter(
             "drawn" if name == drawn else "adversarial"
             for one, bound in zip(each, bounds, strict=True)
-            for name, reached in one["reached"].items()
+            for name, reached in one["observed_errors"].items()
             for error in ERRORS
             if reached[error] > bound[error]
         )
         many = len(each) * len(ERRORS)
-        tries = many * (len(each[0]["reached"]) - 1)
+        tries = many * (len(each[0]["observed_errors"]) - 1)
         holds = f"{100 * confidence:.0f} % of draws" if method == "conformal" else "all runs of the assumptions"
         rows.append(
             (
@@ -168,7 +175,7 @@ def methods() -> str:
 
 
 def _cost(each: list[dict[str, Any]], kind: str) -> float:
-    return float(np.median([one["cost_s"][kind] for one in each]))
+    return float(np.median([one["computation_time_s"][kind] for one in each]))
 
 
 # GP bounds ------------------------------------------------------------------------------------------------------------
@@ -180,18 +187,18 @@ def failure_rates() -> str:
     summary = items("coverage")["summary"]
     grouped: dict[tuple[str, bool], list[dict[str, Any]]] = {}
     for case, row in summary["table"].items():
-        grouped.setdefault((case.split(", ")[-1], row["claims"]), []).append(row)
+        grouped.setdefault((case.split(", ")[-1], row["assumptions_met"]), []).append(row)
     rows = []
     for (bound, claims), each in sorted(grouped.items(), key=lambda one: (not one[0][1], one[0][0])):
-        rate, allowed = max(row["rate"] for row in each), each[0]["allowed"]
-        looseness = [row["radius_over_error"] for row in each if row["radius_over_error"] < 1e6]
+        rate, allowed = max(row["violation_rate"] for row in each), each[0]["allowed_rate"]
+        looseness = [row["bound_over_error"] for row in each if row["bound_over_error"] < 1e6]
         met = bool(rate <= allowed) if claims else None
         rows.append(
             (
                 f"`{bound}`",
                 "yes" if claims else "no",
                 len(each),
-                summary["draws"],
+                summary["num_draws"],
                 100 * rate,
                 100 * allowed,
                 met,
@@ -225,7 +232,7 @@ def attitude_bound() -> str:
         least = min(min(one.values()) for one in each)
         limit = f"at most {asked['TARGET']}" if size <= asked["UP_TO"] else "-"
         met = bool(least >= 1 and (size > asked["UP_TO"] or worst <= asked["TARGET"]))
-        textbook = min(one["textbook"] for one in each)
+        textbook = min(one["e_R_textbook"] for one in each)
         rows.append((size, len(each), least, worst, limit, met, textbook))
     header = ("disturbance over $k_R$", "damping ratios", "bound over error found, least", "greatest", "limit", "met")
     return markdown((*header, "textbook bound over error found, least"), rows)
@@ -237,9 +244,16 @@ def translation_bound() -> str:
     asked, draws = limits("translation")["TARGET"], limits("translation")["DRAWS"]
     rows = []
     for kind, one in items("translation").items():
-        met = bool(1 <= one["bound_over_reached"] <= asked and one["textbook_least"] > 1)
+        met = bool(1 <= one["bound_over_attained"] <= asked and one["textbook_over_bound_min"] > 1)
         rows.append(
-            (kind, draws, number(one["bound_over_reached"], 5), f"at most {asked}", met, one["textbook_median"])
+            (
+                kind,
+                draws,
+                number(one["bound_over_attained"], 5),
+                f"at most {asked}",
+                met,
+                one["textbook_over_bound_median"],
+            )
         )
     header = (
         "damping, gains",
@@ -268,13 +282,13 @@ def bounds_by_data() -> str:
     rows = [
         (
             rate,
-            middle(each, "n"),
-            1e3 * middle(each, "recovery_m", "run"),
-            1e3 * middle(each, "energy_m", "run"),
-            1e3 * middle(each, "observed_m"),
-            1e3 * middle(each, "floor_m"),
+            middle(each, "num_samples"),
+            1e3 * middle(each, "recovery_bound_m", "a_posteriori"),
+            1e3 * middle(each, "energy_bound_m", "a_posteriori"),
+            1e3 * middle(each, "observed_error_m"),
+            1e3 * middle(each, "nominal_error_m"),
             middle(each, "payload_beta", 0),
-            middle(each, "payload_deviation", 0),
+            middle(each, "payload_std", 0),
             len(each),
         )
         for rate, each in rates.items()
@@ -298,9 +312,9 @@ def other_runs() -> str:
         kinds.setdefault(item.rsplit(" ", 1)[0], []).extend(tries)
     rows = []
     for kind, each in kinds.items():
-        held = [one for one in each if one["ratios"] and None not in one["ratios"].values()]
-        worst = max((ratio for one in held for ratio in one["ratios"].values()), default=None)
-        broken = sum(bool(one["breaks"]) for one in each)
+        held = [one for one in each if one["observed_over_bound"] and None not in one["observed_over_bound"].values()]
+        worst = max((ratio for one in held for ratio in one["observed_over_bound"].values()), default=None)
+        broken = sum(bool(one["violated"]) for one in each)
         reasons = len(each) - len(held)
         rows.append((f"`{kind}`", len(each), len(held), reasons, worst, broken, broken == 0))
     header = (

@@ -152,7 +152,7 @@ def random_errors() -> str:
     """Return the RMS position error after the changes over all samples in which all compared flights are complete."""
     found = list(items("react").values())
     rows = []
-    for case in ("C3", "label_feedback", "label_feedback led", "adaptive", "true_residual"):
+    for case in ("C3", "label_feedback", "label_feedback tuned_lead", "adaptive", "true_residual"):
         ended = sum(bool(one[case]["termination_reason"]) for one in found)
         e = _mm(one[case]["e_p_rms_m"] for one in found if not one[case]["termination_reason"])
         rows.append((*_named(case), np.median(e), np.quantile(e, 0.9), e.max(), len(found), ended))
@@ -246,14 +246,22 @@ def learning_curve() -> str:
     for case in ("C1", "integral", "C3"):
         one = items("curve")[case]
         e, returns = _mm(one["e_p_rms_m"]), one["return"]
-        rows.append((f"`{case}`", CASES[case], "-", np.mean(e), float(np.mean(returns)), 1, one["lost"]))
+        rows.append((f"`{case}`", CASES[case], "-", np.mean(e), float(np.mean(returns)), 1, one["num_terminated"]))
     step_s, curves = limits("curve")["SETTINGS"]["step_s"], _evaluations()
     for each in zip(*curves, strict=True):
         e = [float(np.mean(_mm(one["e_p_rms_m"]))) for one in each]
         returns = [float(np.mean(one["return"])) for one in each]
         minutes = number(each[0]["steps"] * step_s / 60)
         rows.append(
-            ("PPO", "policy network", minutes, spread(e), spread(returns), len(each), sum(one["lost"] for one in each))
+            (
+                "PPO",
+                "policy network",
+                minutes,
+                spread(e),
+                spread(returns),
+                len(each),
+                sum(one["num_terminated"] for one in each),
+            )
         )
     header = (
         "method",
@@ -272,7 +280,10 @@ def learning_target() -> str:
     """Return the target: every learner ends below the error without action and without a terminated flight."""
     none = float(min(_mm(items("curve")["C1"]["e_p_rms_m"])))
     last = [curve[-1] for curve in _evaluations()]
-    worst, lost = float(max(_mm(e for one in last for e in one["e_p_rms_m"]))), sum(one["lost"] for one in last)
+    worst, lost = (
+        float(max(_mm(e for one in last for e in one["e_p_rms_m"]))),
+        sum(one["num_terminated"] for one in last),
+    )
     rows = [
         ("greatest final position error of PPO [mm]", worst, f"below {number(none)} (C1)", worst < none),
         ("flights lost by the final policies", lost, "0", lost == 0),

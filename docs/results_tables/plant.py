@@ -23,8 +23,8 @@ PLANT = {
 APART = {
     "position_m": ("position [um]", 1e6),
     "attitude_deg": ("attitude [1e-3 deg]", 1e3),
-    "force_rms": ("contact force, RMS [%]", 100.0),
-    "force_peak": ("contact force, peak [%]", 100.0),
+    "relative_force_rms": ("contact force, RMS [%]", 100.0),
+    "relative_force_peak": ("contact force, peak [%]", 100.0),
 }
 
 
@@ -42,7 +42,7 @@ def plant_targets() -> str:
         "residual": values["residual"]["worst"],
         "gradient": max(row["worst"] for name, row in values.items() if name.startswith("gradient")),
     }
-    rows = [(PLANT[key][0], worst[key], PLANT[key][1], met) for key, met in summary["holds"].items()]
+    rows = [(PLANT[key][0], worst[key], PLANT[key][1], met) for key, met in summary["met"].items()]
     return markdown(("target", "largest", "limit", "met"), rows)
 
 
@@ -63,8 +63,8 @@ def mujoco() -> str:
     for case in limits("engines")["CASES"]:
         one = items("engines")[case]
         e = one["e_p_rms_m"]
-        apart = [scale * one["apart"][key] for key, (_, scale) in APART.items()]
-        rows.append((f"`{case}`", CASES[case], 1e3 * e["ours"], 1e3 * e["mujoco"], *apart))
+        apart = [scale * one["differences"][key] for key, (_, scale) in APART.items()]
+        rows.append((f"`{case}`", CASES[case], 1e3 * e["colift"], 1e3 * e["mujoco"], *apart))
     header = ("case", "meaning", "position error, colift [mm]", "position error, MuJoCo [mm]")
     return markdown((*header, *(f"difference: {name}" for name, _ in APART.values())), rows)
 
@@ -73,7 +73,7 @@ def mujoco() -> str:
 def engine_targets() -> str:
     """Targets of the comparison with MuJoCo and Drake, C1."""
     asked = limits("engines")["TARGETS"]
-    judged = {"MuJoCo": items("engines")["C1"]["apart"], "Drake": items("drake")["C1"]["extrapolated"]}
+    judged = {"MuJoCo": items("engines")["C1"]["differences"], "Drake": items("drake")["C1"]["extrapolated"]}
     rows: list[tuple[Any, ...]] = []
     for engine, apart in judged.items():
         for key, (name, scale) in APART.items():
@@ -103,7 +103,7 @@ def drake_steps() -> str:
     one = items("drake")["C1"]
     rows = [
         (step, *(scale * row[key] for key, (_, scale) in APART.items()))
-        for step, row in (*one["steps"].items(), ("extrapolated", one["extrapolated"]))
+        for step, row in (*one["differences"].items(), ("extrapolated", one["extrapolated"]))
     ]
     return markdown(("step of Drake", *(name for name, _ in APART.values())), rows)
 
@@ -143,7 +143,7 @@ def machine_runs() -> str:
                 setting,
                 one.get("passed", 0),
                 len(one["failures"]),
-                one["wall_s"],
+                one["wall_time_s"],
                 one["largest_process_MB"],
                 f"at most {most}",
                 met,
@@ -166,8 +166,8 @@ def software_tests() -> str:
     """Long tests, mutation tests and interrupted runs."""
     long, mutants, interrupts = items("long_tests"), items("mutants"), items("interrupts")
     failed = sum(len(one["failed"]) for one in long.values())
-    lives = sum(one["lives"] for one in mutants.values())
-    wrong = sum(bool(one["wrong"]) for one in interrupts.values())
+    lives = sum(one["survived"] for one in mutants.values())
+    wrong = sum(bool(one["failures"]) for one in interrupts.values())
     rows = [
         ("long tests that fail", failed, sum(one["passed"] for one in long.values()) + failed, failed == 0),
         ("mutants that no test detects", lives, len(mutants), lives == 0),
@@ -187,10 +187,10 @@ def code_targets() -> str:
     for target, one in items("onboard").items():
         single, contracted = "single" in target, "contracted" in target
         limit = None if contracted else asked["SINGLE"] if single else asked["EXACT"]
-        difference = one["largest_relative_difference"]
+        difference = one["max_relative_difference"]
         emulated = not target.startswith("x86")
-        times = (None, None) if emulated else (one["median_us"], one["p999_us"])
-        sizes = [one[f"{part}_bytes"] / 1e3 for part in ("text", "memory", "learned")]
+        times = (None, None) if emulated else (one["step_time_median_us"], one["step_time_p999_us"])
+        sizes = [one[f"{part}_bytes"] / 1e3 for part in ("code", "state", "model")]
         met = None if limit is None else bool(difference <= limit)
         rows.append((target, int(one["steps"]), difference, number(limit) if limit else None, met, *times, *sizes))
     header = (
@@ -211,6 +211,9 @@ def time_targets() -> str:
     one, asked = items("onboard")["x86-64, AVX2"], limits("onboard")
     rows = [
         (f"time of a step, {name} [us]", one[key], f"at most {number(asked[most])}", one[key] <= asked[most])
-        for name, key, most in (("median", "median_us", "MEDIAN_US"), ("99.9 %", "p999_us", "P999_US"))
+        for name, key, most in (
+            ("median", "step_time_median_us", "MEDIAN_US"),
+            ("99.9 %", "step_time_p999_us", "P999_US"),
+        )
     ]
     return markdown(("target", "measured", "limit", "met"), rows)

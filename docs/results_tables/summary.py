@@ -27,13 +27,17 @@ def _seeds(name: str) -> str:
 def _bound(method: str) -> str:
     found = items("rivals")
     each = [one for item, one in found.items() if item.startswith("seed ")]
-    drawn = next(iter(each[0]["reached"]))
-    past = [run["e_p"] for item, one in found.items() if item.startswith("calibration ") for run in one["reached"]]
+    drawn = next(iter(each[0]["observed_errors"]))
+    past = [
+        run["e_p"] for item, one in found.items() if item.startswith("calibration ") for run in one["observed_errors"]
+    ]
     rank = math.ceil((len(past) + 1) * limits("rivals")["CONFIDENCE"]) - 1
     quantile = sorted(past)[rank]
-    bounds = [quantile if method == "conformal" else one["radii"][method]["e_p"] for one in each]
+    bounds = [quantile if method == "conformal" else one["ultimate_bounds"][method]["e_p"] for one in each]
     return number(
-        float(np.median([bound / one["reached"][drawn]["e_p"] for one, bound in zip(each, bounds, strict=True)]))
+        float(
+            np.median([bound / one["observed_errors"][drawn]["e_p"] for one, bound in zip(each, bounds, strict=True)])
+        )
     )
 
 
@@ -43,7 +47,7 @@ def _rivals() -> str:
 
 
 def _nominal() -> str:
-    return number(float(np.median(100 * _array(_runs(), "floor", "e_p") / _array(_runs(), "observed", "e_p"))))
+    return number(float(np.median(100 * _array(_runs(), "nominal_error", "e_p") / _array(_runs(), "observed", "e_p"))))
 
 
 def _met(name: str) -> str:
@@ -65,8 +69,8 @@ def _frozen() -> str:
 
 
 def _rate() -> str:
-    rows = [row for row in items("coverage")["summary"]["table"].values() if row["claims"]]
-    return f"{sum(row['rate'] <= row['allowed'] for row in rows)} of {len(rows)}"
+    rows = [row for row in items("coverage")["summary"]["table"].values() if row["assumptions_met"]]
+    return f"{sum(row['violation_rate'] <= row['allowed_rate'] for row in rows)} of {len(rows)}"
 
 
 def _policy() -> str:
@@ -74,9 +78,9 @@ def _policy() -> str:
     return number(float(np.median([np.mean(_mm(e)) for e in last])))
 
 
-def _sound(name: str) -> str:
+def _passed(name: str) -> str:
     found = items(name).values()
-    return f"{sum(one['sound'] for one in found)} of {len(found)}"
+    return f"{sum(one['passed'] for one in found)} of {len(found)}"
 
 
 def _claims() -> Iterator[tuple[str, str, str, str, str, str]]:
@@ -100,7 +104,7 @@ def _claims() -> Iterator[tuple[str, str, str, str, str, str]]:
     yield "curve", "reinforcement_learning", "reinforcement learning (PPO)", metric, _policy(), n
     metric = "teams that pass the safety check"
     for result, claim in (("starts", "teams of `colift init`"), ("tuned", "gains of `colift tune`")):
-        yield result, "starts_and_tuning", claim, metric, _sound(result), f"{len(items(result))} teams"
+        yield result, "starts_and_tuning", claim, metric, _passed(result), f"{len(items(result))} teams"
 
 
 def _bounds() -> Iterator[tuple[str, str, str, str, str, str]]:
@@ -112,7 +116,7 @@ def _bounds() -> Iterator[tuple[str, str, str, str, str, str]]:
     yield "certified", page, "share of the nominal trajectory in the error", metric, _nominal(), f"{len(_runs())} draws"
     metric, n = (
         "settings with at most the allowed failure rate",
-        f"{items('coverage')['summary']['draws']} draws a setting",
+        f"{items('coverage')['summary']['num_draws']} draws a setting",
     )
     yield "coverage", page, "GP error bounds", metric, _rate(), n
 
@@ -122,7 +126,7 @@ def _simulation() -> Iterator[tuple[str, str, str, str, str, str]]:
     row = items("plant")["summary"]["table"]["agreement"]
     metric, n = "largest relative error", f"{row['count']} teams"
     yield "plant", "plant", "plant against Pinocchio", metric, number(row["worst"]), n
-    apart = items("engines")["C1"]["apart"]["position_m"]
+    apart = items("engines")["C1"]["differences"]["position_m"]
     metric = "largest difference of position [um]"
     yield "engines", "plant", "plant against MuJoCo, `C1`", metric, number(1e6 * apart), "1, seed 0"
     apart = items("drake")["C1"]["extrapolated"]["position_m"]
@@ -130,7 +134,7 @@ def _simulation() -> Iterator[tuple[str, str, str, str, str, str]]:
     yield "drake", "plant", "plant against Drake, `C1`", metric, number(1e6 * apart), "1, seed 0"
     one = items("onboard")["x86-64, AVX2"]
     metric, n = "time of a control step, median [us]", f"{int(one['steps'])} steps"
-    yield "onboard", "onboard_code", "generated C code, AVX2", metric, number(one["median_us"]), n
+    yield "onboard", "onboard_code", "generated C code, AVX2", metric, number(one["step_time_median_us"]), n
 
 
 ALL = (
@@ -143,7 +147,7 @@ ALL = (
 def claims() -> str:
     """Return one row per claim: metric, value, n, seeds, command, page."""
     rows = [
-        (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page}]({page}.md)")
+        (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page.replace('_', ' ')}]({page}.md)")
         for result, page, claim, metric, value, n in _claims()
     ]
     return markdown(("claim", "metric", "value", "n, seeds", "command", "page"), rows)

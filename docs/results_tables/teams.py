@@ -9,7 +9,11 @@ import numpy as np
 
 from results_tables import CASES, items, limits, markdown, number, table
 
-KINDS = {"hand": "default gains", "tuned": "tuned", "random": "random search, same budget"}
+KINDS = {
+    "default_gains": "default gains",
+    "tuned_gains": "tuned",
+    "random_search": "random search, same budget",
+}
 
 
 @table("starts")
@@ -19,7 +23,7 @@ def generated_teams() -> str:
     for item, one in items("starts").items():
         e = [one["e_p_rms_m"][case] for case in ("C1", "C2", "C3")]
         falls = None not in e and e[0] > e[1] > e[2]
-        rows.append((item, one["sound"], *(None if x is None else 1e3 * x for x in e), bool(falls and one["sound"])))
+        rows.append((item, one["passed"], *(None if x is None else 1e3 * x for x in e), bool(falls and one["passed"])))
     return markdown(("agents x arms", "safety check passed", *_columns("C1", "C2", "C3"), "met"), rows)
 
 
@@ -35,14 +39,19 @@ def tuned_gains() -> str:
     for team, one in items("tuned").items():
         cost = {}
         for kind in KINDS:
-            rate, moved = max(one[kind][name] for name in slowest), one[kind]["displacement_C1_m"]
+            rate, moved = max(one[kind][name] for name in slowest), one[kind]["contact_displacement_C1_m"]
             cost[kind] = np.inf if isinstance(moved, str) else moved / -rate
         for kind, meaning in KINDS.items():
             rate = -max(one[kind][name] for name in slowest)
-            flown, other = (_errors(one[kind][where]) for where in ("flown", "held_out"))
+            flown, other = (_errors(one[kind][where]) for where in ("training", "held_out"))
             met = None
-            if kind == "tuned":
-                met = bool(one["sound"] and cost["tuned"] < min(cost["hand"], cost["random"]) and flown[1] and other[1])
+            if kind == "tuned_gains":
+                met = bool(
+                    one["passed"]
+                    and cost["tuned_gains"] < min(cost["default_gains"], cost["random_search"])
+                    and flown[1]
+                    and other[1]
+                )
             rows.append((f"`{team}`", meaning, rate, cost[kind], flown[0], other[0], met))
     header = (
         "team",

@@ -45,7 +45,7 @@ const swatches = Object.entries(arrows).map(([kind, { label, N_per_m: scale }]) 
 const ground = make("p");
 const legend = make(
   "details",
-  { id: "legend", open: innerWidth > 700 },
+  { id: "legend", open: innerWidth > 1100 },
   make("summary", { textContent: "legend" }),
   ...swatches,
   make("p", {}, make("i", { className: "line reference" }), "reference path"),

@@ -4,14 +4,24 @@ import { column, norms } from "./flight.js";
 import { agentColor, caseColor, ink } from "./look.js";
 
 const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
-const GUTTER = 58; // px, left margin of all plots, so that their time axes are aligned
+const GUTTER = 68; // px, left margin of all plots, so that their time axes are aligned
 const HEIGHT = 132; // px, height of a plot without time axis in a scrolling page
 const [MIN_HEIGHT, MAX_HEIGHT] = [84, 240]; // px, if the plots fill their column
 const AXIS = 40; // px, height of the time axis of the last plot
 const shorter = (value) => (value == null ? "–" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3));
 
-/** Returns a range between powers of ten, so that the axis has at least two ticks. */
-const wholeDecades = (_, low, high) => [10 ** Math.floor(Math.log10(low || 0.1)), 10 ** Math.ceil(Math.log10(high || 1))];
+const BRIEF = 0.005; // fraction of the values that may lie below a logarithmic axis: zero crossings of a norm
+const MAX_DECADES = 7; // of a logarithmic axis; smaller values are numerical zeros
+
+/** Returns the range of a logarithmic axis as in the figures; powers of ten where it would contain fewer than two. */
+function logarithmic(rows) {
+  const values = rows.flat().filter((value) => value > 0).sort((one, other) => one - other);
+  if (!values.length) return [0.1, 1];
+  const top = values[values.length - 1];
+  const low = Math.max(0.7 * values[Math.floor(BRIEF * values.length)], top * 10 ** -MAX_DECADES);
+  const [from, to] = [Math.log10(low), Math.log10(1.3 * top)];
+  return Math.floor(to) > Math.ceil(from) ? [10 ** from, 10 ** to] : [10 ** Math.floor(from), 10 ** Math.ceil(to)];
+}
 
 const powers = (_, at) => at.map((value) => (value === null ? "" : String(Number(value.toPrecision(3)))));
 
@@ -118,6 +128,7 @@ export function build(element, written, seek) {
     element.append(section);
     const all = curves(kind, written, chosen, others);
     const data = uPlot.join(all.map(({ t, y }) => [t, log ? y.map((value) => (value > 0 ? value : null)) : y]));
+    const limits = log ? logarithmic(all.map(({ y }) => y)) : null;
     const decades = (_, at) => at.map((value) => (!log || Math.abs(Math.log10(value) % 1) < 1e-9 ? value : null));
     const axis = { stroke: () => ink("text"), ticks: { show: false }, font: "12px system-ui, sans-serif" };
     axis.labelFont = axis.font;
@@ -131,7 +142,7 @@ export function build(element, written, seek) {
         legend: { show: false },
         scales: {
           x: { time: false, range: [0, span] },
-          y: log ? { distr: 3, range: wholeDecades } : { range: (_, __, high) => [0, 1.08 * (high || 1)] },
+          y: log ? { distr: 3, range: limits } : { range: (_, __, high) => [0, 1.08 * (high || 1)] },
         },
         axes: [
           last(k)

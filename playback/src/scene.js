@@ -261,19 +261,23 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
   const path_m = around.getSize(a).length();
   const center = around.getCenter(new Vector3());
   const whole = corners(around).concat(new Vector3(center.x, center.y, around.max.z + 0.3 * shape.size_m));
-  if (around.min.z - ground_m < path_m) whole.push(new Vector3(center.x, center.y, ground_m));
   const step = 10 ** Math.round(Math.log10(path_m / 6));
   scene.add(grid(center, 2.5 * path_m, step, ground_m, lines.grid));
   const origin = new Vector3(Math.round(center.x / step) * step, Math.round(center.y / step) * step, ground_m);
-  const triad = ["x", "y", "z"].map((_, k) => {
+  const axes = [0, 1, 2].map((k) => new Vector3().setComponent(k, 0.5 * step));
+  const triad = axes.map((along, k) => {
     const each = arrow(0.009 * shape.size_m, 1, new MeshBasicMaterial({ color: ["#cc3311", "#228833", "#4477cc"][k] }));
-    each.point(origin, new Vector3().setComponent(k, 0.5 * step));
+    each.point(origin, along);
     return each.group;
   });
   scene.add(...triad);
+  const names = axes.map((along) => along.clone().multiplyScalar(1.16).add(origin));
+  if (around.min.z - ground_m < path_m) {
+    whole.push(new Vector3(center.x, center.y, ground_m), ...axes.map((along) => along.clone().multiplyScalar(1.4).add(origin)));
+  }
 
   const labels = [
-    ...["x", "y", "z"].map((text, k) => ({ text, at: new Vector3().setComponent(k, 0.58 * step).add(origin) })),
+    ...["x", "y", "z"].map((text, k) => ({ text, at: names[k] })),
     ...shape.agents.map(({ name }) => ({ text: name, at: new Vector3() })),
   ];
   for (const each of labels) {

@@ -63,7 +63,7 @@ if "jax" in sys.modules:
 # (docs/decisions/0020). XLA reads its flags once, before the first use of a device; a flag of the user has priority.
 _YNN = "--xla_cpu_experimental_ynn_fusion_type="
 if _YNN not in os.environ.get("XLA_FLAGS", ""):
-    if "jax" in sys.modules and sys.modules["jax"]._src.xla_bridge.backends_are_initialized():
+    if "jax" in sys.modules and importlib.import_module("colift.codegen.jax_internals").backends_are_initialized():
         warnings.warn(
             "JAX was in use before colift was imported, so XLA's faulty YNNPACK kernels stay on: results may be wrong "
             f"or NaN (docs/decisions/0020). Import colift first, or start Python with XLA_FLAGS={_YNN}",

@@ -37,10 +37,13 @@ ELSEWHERE = {  # examples that another module runs with a shared flight
 }
 VEHICLE = """<robot name="vehicle">
 <link name="base"><inertial><mass value="1.5"/><inertia ixx="0.02" iyy="0.02" izz="0.035" ixy="0" ixz="0" iyz="0"/>
-</inertial></link>{arms}</robot>"""
+</inertial></link><link name="waist"><inertial><mass value="0.1"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="waist" type="continuous"><parent link="base"/><child link="waist"/><axis xyz="0 0 1"/></joint>
+{arms}</robot>"""
 ARM = """<link name="{side}_forearm"><inertial><origin xyz="0 0 -0.15"/><mass value="0.12"/>
 <inertia ixx="9e-4" iyy="9e-4" izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="{side}_shoulder" type="continuous"><parent link="base"/><child link="{side}_forearm"/>
+<joint name="{side}_shoulder" type="continuous"><parent link="waist"/><child link="{side}_forearm"/>
 <origin xyz="0 {y} 0"/><axis xyz="1 0 0"/></joint><link name="{side}_hand"/>
 <joint name="{side}_wrist" type="fixed"><parent link="{side}_forearm"/><child link="{side}_hand"/>
 <origin xyz="0 0 -0.3"/></joint>"""
@@ -103,7 +106,7 @@ def run(words: list[str], folder: Path) -> None:
         if rest[0] in ("evidence", "bench") and len(rest) > 1 and rest[1] != "status":
             assert (ROOT / {"bench": "benchmarks"}.get(rest[0], rest[0]) / f"{rest[1]}.py").exists(), words
         return
-    elif first == "pip":
+    elif first == "pip" or rest[:3] == ["-m", "pip", "install"]:
         (extra,) = re.findall(r"^colift\[(\w+)\]$", rest[-1])
         assert extra in PROJECT["project"]["optional-dependencies"]
         return

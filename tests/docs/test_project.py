@@ -116,7 +116,7 @@ def test_functions_of_equations_are_called():
     assert {name for name in named if name.rpartition(".")[2] not in used} == set()
 
 
-@pytest.mark.parametrize("name", ["errata.md", "performance.md", "notation.md"])
+@pytest.mark.parametrize("name", ["errata.md", "performance.md", "notation.md", "references.md"])
 def test_tests_named_by_pages_exist(name):
     for file, test in re.findall(r"`([\w/]*test_\w+\.py)::(\w+)`", page(name)):
         assert test in names_of_tests(file), f"{file}::{test}"
@@ -250,6 +250,15 @@ def test_dev_repeats_setup_only_when_a_lock_changes(checkout):
     dev("test")
     assert "test.txt" in calls.read_text()
     assert "run.txt" not in calls.read_text()
+
+
+def test_dev_coverage_measures_what_is_asked(checkout):
+    _, dev, calls = checkout
+    done = dev("coverage", "tests/unit/gp")
+    assert done.returncode == 0, done.stderr
+    assert "--cov " in done.stdout
+    assert done.stdout.rstrip().endswith("tests/unit/gp")
+    assert "check.txt" in calls.read_text()
 
 
 def test_dev_repeats_a_failed_setup(checkout):

@@ -16,6 +16,7 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from colift.analysis import result_files
 from colift.certification import agent_iss, certificate
 from colift.cli import app, common
 from colift.cli import certify as certify_commands
@@ -28,10 +29,10 @@ from tests.support.certified_flights import NAMES, made, short
 def exceeded() -> certification.CertificationResult:
     """Certificate of the flight with its energy bound only and with observed errors above that bound."""
     of = made()
-    energy = of.certificate.radii["energy"]
+    energy = of.certificate.ultimate_bounds["energy"]
     observed = {error: 3 * radius for error, radius in energy.a_priori.items()}
     return dataclasses.replace(
-        of, certificate=dataclasses.replace(of.certificate, radii={"energy": energy}, observed=observed)
+        of, certificate=dataclasses.replace(of.certificate, ultimate_bounds={"energy": energy}, observed=observed)
     )
 
 
@@ -73,7 +74,6 @@ def drawn(monkeypatch) -> list[str]:
 
 
 def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
-    (tmp_path / "summary.json").write_text(run_directory.run_id("0.1.0", "another"))
     saved_values = save(made(), made())
     assert {run_directory.read_run_id(path) for path in tmp_path.iterdir()} == {saved_values["run"]}
     assert json.loads((tmp_path / "certificate.json").read_text()) == saved_values
@@ -83,15 +83,17 @@ def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
         "figure_6_certificate.png",
     }
     found = made().certificate
-    for name, radii in found.radii.items():
+    for name, radii in found.ultimate_bounds.items():
         for error in certificate.ERRORS:
             ratio = radii.a_posteriori[error] / found.observed[error]
-            assert saved_values["radii"][name]["tightness"]["run"][error] == (ratio if np.isfinite(ratio) else None)
-    assert (
-        saved_values["adversary"]["radius_over_adversary"]
-        == saved_values["radii"]["recovery"]["tightness"]["run"]["e_p"]
-    )
-    assert saved_values["exceeded"] == []
+            assert saved_values["ultimate_bounds"][name]["bound_over_observed"]["a_posteriori"][error] == (
+                ratio if np.isfinite(ratio) else None
+            )
+    best = saved_values["ultimate_bounds"]["recovery"]["bound_over_observed"]["a_posteriori"]
+    assert saved_values["adversarial_test"]["bound_over_observed"] == best["e_p"]
+    assert saved_values["violations"] == []
+    assert set(saved_values["units"]) == set(certificate.ERRORS) == set(saved_values["nominal_error"])
+    assert result_files.load_certificate(tmp_path / "certificate.json") == saved_values
     certify_commands.print_certificate(saved_values, tmp_path)
     printed, message = capsys.readouterr()
     assert message == ""
@@ -104,8 +106,8 @@ def test_assumptions_are_in_table_json_and_figure(tmp_path, capsys, save, drawn)
     """Unproven assumptions are named in table, JSON and figure, and none of them contains the word certified."""
     saved_values = save(made(), made())
     text = "first order, less than a round"
-    for radii in saved_values["radii"].values():
-        assert ", ".join(radii["assumed"]) == text
+    for radii in saved_values["ultimate_bounds"].values():
+        assert ", ".join(radii["unproven_assumptions"]) == text
         assert radii["status"] == "assumed"
     certify_commands.print_certificate(saved_values, tmp_path)
     printed = capsys.readouterr().out
@@ -128,19 +130,21 @@ def test_exceeded_bound_is_reported_first_with_status_1(tmp_path, monkeypatch, s
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 1
     found = exceeded().certificate
-    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.radii["energy"].a_priori["e_p"]
+    observed, radius = 1e3 * found.observed["e_p"], 1e3 * found.ultimate_bounds["energy"].a_priori["e_p"]
     first = f"e_p of this run exceeds its bound: observed {observed:.4g} mm, bound {radius:.4g} mm (energy, any run), "
     message = [line for line in result.output.splitlines() if not line.startswith("certifying certified")]  # progress
     assert message[0].startswith(first)
     red = [line for line in result.stderr.splitlines() if line in message]
-    assert len(red) == len({each.error for each in found.exceeded})
+    assert len(red) == len({each.error for each in found.violations})
     assert message[: len(red)] == red
     assert [(row[0], row[1], row[-1]) for row in table_of(result.stdout)] == [
         ("energy", "any", "exceeded"),
         ("energy", "this", "exceeded"),
     ]
     saved_values = json.loads((tmp_path / "certificate.json").read_text())
-    assert saved_values["exceeded"] == [{"flight": "this", **dataclasses.asdict(each)} for each in found.exceeded]
+    assert saved_values["violations"] == [
+        {"run": "simulation", **dataclasses.asdict(each)} for each in found.violations
+    ]
     assert any(text.startswith("observed error above its bound: $e_p$") for text in drawn)
     result = CliRunner().invoke(app.app, ["certify", "certified", "--out", str(tmp_path)], catch_exceptions=False)
     assert result.exit_code == 0
@@ -154,7 +158,10 @@ def test_example_prints_bounds_and_fails_if_exceeded(monkeypatch, capsys):
     monkeypatch.setattr(certification, "certify", lambda *_, **__: results.pop())
     runpy.run_path(example, run_name="__main__")
     message = capsys.readouterr().out
-    radius, seen = made().certificate.radii["recovery"].a_posteriori["e_p"], made().certificate.observed["e_p"]
+    radius, seen = (
+        made().certificate.ultimate_bounds["recovery"].a_posteriori["e_p"],
+        made().certificate.observed["e_p"],
+    )
     assert f"recovery,     e_p: at most {radius:.3g}, observed {seen:.3g}" in message
     with pytest.raises(SystemExit, match=r"above their bound: .*e_p"):
         runpy.run_path(example, run_name="__main__")
@@ -165,7 +172,7 @@ def test_exceeded_bound_is_printed_in_red(tmp_path, monkeypatch, save):
     monkeypatch.setattr(common, "error_console", terminal)
     certify_commands.print_certificate(save(exceeded()), tmp_path)
     lines = terminal.file.getvalue().splitlines()
-    assert len(lines) == len({each.error for each in exceeded().certificate.exceeded})
+    assert len(lines) == len({each.error for each in exceeded().certificate.violations})
     assert all(line.startswith("\x1b[31m") for line in lines)
 
 
@@ -174,7 +181,7 @@ def test_adversarial_run_above_its_bound_is_exceeded(tmp_path, capsys, save):
     observed = {error: 1e3 * size for error, size in made().certificate.observed.items()}
     exceeding = dataclasses.replace(made().certificate, observed=observed)
     saved_values = save(made(), dataclasses.replace(made(), certificate=exceeding))
-    assert {each["flight"] for each in saved_values["exceeded"]} == {"adversary"}
+    assert {each["run"] for each in saved_values["violations"]} == {"adversarial_test"}
     certify_commands.print_certificate(saved_values, tmp_path)
     printed, message = capsys.readouterr()
     assert message.startswith("e_p of the adversarial run exceeds its bound: observed ")
@@ -188,10 +195,10 @@ def test_unavailable_bounds_have_no_row(tmp_path, capsys, save, drawn):
         name: dataclasses.replace(
             each, a_priori=dict.fromkeys(each.a_priori, np.inf), assumptions=("S_X", *each.assumptions)
         )
-        for name, each in all_of.certificate.radii.items()
+        for name, each in all_of.certificate.ultimate_bounds.items()
     }
     a_priori = dataclasses.replace(all_of.certificate.a_priori, tube=None, tube_failure="it feeds itself")
-    without_tube = dataclasses.replace(all_of.certificate, radii=radii, a_priori=a_priori)
+    without_tube = dataclasses.replace(all_of.certificate, ultimate_bounds=radii, a_priori=a_priori)
     certify_commands.print_certificate(save(dataclasses.replace(all_of, certificate=without_tube)), tmp_path)
     printed = capsys.readouterr().out
     assert [row[1] for row in table_of(printed)] == ["this"] * len(NAMES)
@@ -205,7 +212,7 @@ def test_unavailable_bounds_have_no_row(tmp_path, capsys, save, drawn):
     )
     nothing = certificate.certify(small, all_of.flight, all_of.nominal_linearization, ("energy", "recovery"))
     saved_values = save(dataclasses.replace(all_of, experiment=small, certificate=nothing))
-    assert saved_values["exceeded"] == []
+    assert saved_values["violations"] == []
     certify_commands.print_certificate(saved_values, tmp_path)
     printed = capsys.readouterr().out
     assert table_of(printed) == []

@@ -31,9 +31,7 @@ def test_round_has_every_kind_and_names_are_reproducible():
     """A round has each kind of trial once, and a trial follows from its name."""
     names = falsification.trial_names(short(), 2)
     assert (
-        len(set(names))
-        == len(names)
-        == 2 * (len(falsification.ADVERSARIAL_DISTURBANCE) + len(falsification.TRIAL_KINDS))
+        len(set(names)) == len(names) == 2 * (len(falsification.RESIDUAL_TRIALS) + len(falsification.SCENARIO_TRIALS))
     )
     hover = scenario.load_scenario(
         "turning",
@@ -42,46 +40,51 @@ def test_round_has_every_kind_and_names_are_reproducible():
             "[{time_s: 0, position_m: [0, 0, 2]}, {time_s: 9, position_m: [1, 0, 2]}]}"
         ],
     )
-    assert "path 0" not in falsification.trial_names(hover, 1)
-    for name in ("worst 0", "drawn", "drawn -1", "path 0", "drawn x"):
-        with pytest.raises(ValueError, match=r"unknown trial '.*': must be one of worst e_p, .*'worst e_p 0'"):
+    assert "reference_speed:0" not in falsification.trial_names(hover, 1)
+    for name in ("worst:0", "seed", "seed:-1", "seed 0", "reference_speed:0", "seed:x"):
+        with pytest.raises(
+            ValueError, match=r"unknown trial .*: must be KIND:NUMBER .* worst_case_e_p, .*worst_case_e_p:0"
+        ):
             list(falsification.falsify(hover, [name]))
 
 
 def test_admissible_residuals_violate_no_bound(certified):
     """Residuals that norm and labels allow violate no bound."""
-    trials = ["worst e_p 0", "worst e_omega 1", "drawn 0", "swinging 0", "swinging 1"]
+    trials = [f"worst_case_{name}" for name in ("e_p:0", "e_omega:1")]
+    trials += ["random_functional:0", "sinusoidal_functional:0", "sinusoidal_functional:1"]
     found = list(falsification.falsify(short(), trials))
     assert [one.name for one in found] == trials
     for one in found:
-        assert set(one.ratios) == set(ERRORS)
+        assert set(one.observed_over_bound) == set(ERRORS)
         assert not one.is_violated, one
         assert one.num_components == made().certificate.errors.size
-        assert one.changes == ()
-    assert found[0].ratios["e_p"] > 0.3  # close to the bound
-    assert found[3].ratios != found[4].ratios
+        assert one.overrides == ()
+    assert found[0].observed_over_bound["e_p"] > 0.3  # close to the bound
+    assert found[3].observed_over_bound != found[4].observed_over_bound
     assert next(falsification.falsify(short(), trials[3:4])) == found[3]
 
 
 def test_too_small_bounds_are_falsified(certified, monkeypatch):
     """With bounds and intervals scaled by 0.1 the worst-case residual violates both."""
     of = made().certificate
-    recovery = of.radii["recovery"]
+    recovery = of.ultimate_bounds["recovery"]
     small = dataclasses.replace(recovery, a_priori={error: 0.1 * x for error, x in recovery.a_priori.items()})
-    center, span = made().nominal_linearization.records, of.intervals["tube"]
+    center, span = made().nominal_linearization.records, of.intervals["a_priori"]
     middle = np.concatenate([getattr(center, error) for error in ERRORS], axis=1)[
         np.searchsorted(center.t, of.t - 1e-9)
     ]
     narrow = dataclasses.replace(
         span, lower=middle + 0.1 * (span.lower - middle), upper=middle + 0.1 * (span.upper - middle)
     )
-    wrong = dataclasses.replace(of, radii={"recovery": small}, intervals={"tube": narrow, "run": narrow})
+    wrong = dataclasses.replace(
+        of, ultimate_bounds={"recovery": small}, intervals={"a_priori": narrow, "a_posteriori": narrow}
+    )
     broken = dataclasses.replace(made(), certificate=wrong)
     monkeypatch.setattr(certification, "certify", lambda *_, **__: broken)
-    one = next(falsification.falsify(short(), ["worst e_p 0"]))
+    one = next(falsification.falsify(short(), ["worst_case_e_p:0"]))
     assert one.is_violated
-    assert one.ratios["e_p"] > 1
-    assert one.violations > 0
+    assert one.observed_over_bound["e_p"] > 1
+    assert one.num_components_outside > 0
 
 
 def test_early_termination_violates_finite_bounds(certified, monkeypatch):
@@ -89,26 +92,26 @@ def test_early_termination_violates_finite_bounds(certified, monkeypatch):
         raise linearized_trajectory.TerminatedEarly("the nominal trajectory ended at t = 1 s: distance")
 
     monkeypatch.setattr(linearized_trajectory, "simulate_nominal", ends)
-    one = next(falsification.falsify(short(), ["drawn 0"]))
+    one = next(falsification.falsify(short(), ["random_functional:0"]))
     assert one.is_violated
     assert one.max_ratio == math.inf
     assert one.message.endswith("distance")
 
 
-@pytest.mark.parametrize("kind", falsification.TRIAL_KINDS)
+@pytest.mark.parametrize("kind", falsification.SCENARIO_TRIALS)
 @pytest.mark.parametrize("name", ["certified", "paper", "trio"])
 def test_trials_change_only_the_stated_settings(name, kind):
     """Every override is accepted, three rounds differ, and all other settings are unchanged."""
     settings = scenario.load_scenario(name)
     changes_of_rounds = set()
     for k in range(3):
-        rng = np.random.default_rng((settings.seed, k, *kind.encode()))
-        changes = falsification.TRIAL_KINDS[kind](settings, k, rng)
+        rng = falsification.random_generator(settings.seed, kind, k)
+        changes = falsification.SCENARIO_TRIALS[kind](settings, k, rng)
         changed = scenario.parse(scenario.to_yaml(settings), settings.name, changes)
         sections = {change.split("=")[0].split(".")[0] for change in changes}
         for section, value in settings:
             assert section in sections or getattr(changed, section) == value
-        assert changed != settings or kind == "sensors"
+        assert changed != settings or kind == "sensor_noise"
         changes_of_rounds.add(tuple(changes))
     assert len(changes_of_rounds) == 3
 
@@ -117,30 +120,30 @@ def test_trial_uses_bounds_of_its_own_flight(monkeypatch):
     """A trial with another flight is compared with that flight's bounds; a refusal is reported as a message."""
     of = certified_flights.late()
     monkeypatch.setattr(certification, "certify", lambda *_, **__: of)
-    one = next(falsification.falsify(short(), ["late update 0"]))
-    radii, observed = of.certificate.radii["energy"], of.certificate.observed
-    assert one.ratios["e_p"] == observed["e_p"] / min(radii.a_posteriori["e_p"], radii.a_priori["e_p"])
+    one = next(falsification.falsify(short(), ["late_update:0"]))
+    radii, observed = of.certificate.ultimate_bounds["energy"], of.certificate.observed
+    assert one.observed_over_bound["e_p"] == observed["e_p"] / min(radii.a_posteriori["e_p"], radii.a_priori["e_p"])
     assert not one.is_violated
-    assert one.changes
+    assert one.overrides
 
     def refuses(*_, **__):
         raise ValueError("no certificate: the flight stopped:\n it tips over")
 
     monkeypatch.setattr(certification, "certify", refuses)
-    one = next(falsification.falsify(short(), ["start 0"]))
+    one = next(falsification.falsify(short(), ["initial_state:0"]))
     assert one.message == "rejected: no certificate: the flight stopped: it tips over"
-    assert (one.ratios, one.is_violated) == ({}, False)
+    assert (one.observed_over_bound, one.is_violated) == ({}, False)
 
 
 def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
     ratios = {"e_p": 0.5, "e_v": 0.25, "e_R": 0.125, "e_omega": 0.0625}
     trials = [
-        falsification.FalsificationTrial("drawn 0", (), ratios, 0, 12, ""),
+        falsification.FalsificationTrial("random_functional:0", (), ratios, 0, 12, ""),
         falsification.FalsificationTrial(
-            "start 0", ("initial_state.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""
+            "initial_state:0", ("initial_state.position_error_m=[1, 0, 0]",), {**ratios, "e_v": 1.5}, 3, 12, ""
         ),
-        falsification.FalsificationTrial("seed 0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
-        falsification.FalsificationTrial("rate 0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
+        falsification.FalsificationTrial("seed:0", ("seed=1004",), {**ratios, "e_R": 0.75}, 0, 12, ""),
+        falsification.FalsificationTrial("control_rate:0", ("control_Hz=100",), {}, 0, 0, "refused: too slow"),
     ]
     monkeypatch.setattr(falsification, "falsify", lambda *_: iter(trials))
     arguments = ["falsify", "certified", "--seed", "3", "--set", "duration_s=30", "--out", str(tmp_path)]
@@ -148,21 +151,22 @@ def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
     again = "certified --set duration_s=30"
-    assert f"e_p: worst 0.500, colift falsify {again} --seed 3 --case 'drawn 0'" in lines
+    assert f"e_p: worst 0.500, colift falsify {again} --seed 3 --trial random_functional:0" in lines
     assert (
         f"e_v: worst 1.500, colift certify {again} --set 'initial_state.position_error_m=[1, 0, 0]' --seed 3" in lines
     )
     assert f"e_R: worst 0.750, colift certify {again} --seed 1004" in lines
-    assert "rate 0: refused: too slow" in lines
-    assert "1 of 3 trials that have bounds violate one: start 0" in lines
+    assert "control_rate:0: refused: too slow" in lines
+    assert "1 of 3 trials that have bounds violate one: initial_state:0" in lines
     kept = json.loads((tmp_path / "falsification.json").read_text())
-    assert [one["name"] for one in kept["trials"]] == ["drawn 0", "start 0", "seed 0", "rate 0"]
-    assert kept["trials"][1]["ratios"]["e_v"] == 1.5
+    assert [one["name"] for one in kept["trials"]] == [one.name for one in trials]
+    assert kept["schema"] == 2
+    assert kept["trials"][1]["observed_over_bound"]["e_v"] == 1.5
     assert Path(tmp_path / "falsification.json").read_text().count(kept["run"]) == 1
 
 
 def test_unknown_trial_is_refused_with_known_names(tmp_path):
-    arguments = ["falsify", "certified", "--case", "worst", "--out", str(tmp_path)]
+    arguments = ["falsify", "certified", "--trial", "worst", "--out", str(tmp_path)]
     result = CliRunner().invoke(app.app, arguments)
     assert result.exit_code == 2
-    assert "unknown trial 'worst': must be one of worst e_p" in result.stderr
+    assert "unknown trial worst: must be KIND:NUMBER with one of the kinds worst_case_e_p" in result.stderr

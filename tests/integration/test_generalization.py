@@ -18,7 +18,7 @@ def test_heldout_paths_are_reversed_scaled_and_shifted():
     own = trajectories.make_reference(settings)
     other = {
         name: trajectories.make_reference(heldout)
-        for name, heldout in generalization.heldout_scenarios(settings).items()
+        for name, heldout in generalization.held_out_scenarios(settings).items()
     }
     assert list(other) == list(generalization.TRAJECTORY_VARIANTS)
     lissajous = settings.reference
@@ -39,7 +39,7 @@ def test_other_reference_kinds_are_refused():
     poses = [{"time_s": 0.0, "position_m": [0.0, 0.0, 1.0]}, {"time_s": 4.0, "position_m": [1.0, 0.0, 1.0]}]
     data = light.settings().model_dump() | {"reference": {"kind": "waypoints", "poses": poses}}
     with pytest.raises(ScenarioError, match=r"reference\.kind = waypoints: .* lissajous"):
-        generalization.heldout_scenarios(Scenario.model_validate(data))
+        generalization.held_out_scenarios(Scenario.model_validate(data))
 
 
 @pytest.mark.long
@@ -48,7 +48,7 @@ def test_frozen_model_is_used_without_updates():
     first_experiment = experiment.make_experiment(settings, "C3")
     first = flight.run_experiment(first_experiment)
     heldout = generalization.freeze_model(
-        generalization.heldout_experiments(settings, ("C3",))["moved"]["C3"], first.model
+        generalization.held_out_experiments(settings, ("C3",))["moved"]["C3"], first.model
     )
     second = flight.run_experiment(heldout)
     assert not second.updates

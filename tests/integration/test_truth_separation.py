@@ -50,6 +50,9 @@ class ReplayedWorld:
     def team(self) -> Team:
         return self.world.team
 
+    def sample_noise(self, key: Any, ticks: int) -> Any:
+        return self.world.sample_noise(key, ticks)
+
     def measure_at_rest(self, state: State) -> Measurement:
         return self.world.measure_at_rest(state)
 

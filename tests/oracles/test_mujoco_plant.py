@@ -17,6 +17,7 @@ from colift.closed_loop import signals
 from colift.models import grasp, mjcf
 from colift.models.parameters import Team
 from colift.models.state import AgentInput, GeneralizedForce, ResidualForces, State, Wrench
+from colift.runtime import extras
 from colift.scenario import experiment
 from colift.simulation import contact_dynamics, mujoco_plant
 from tests.support import payload_motions as motion
@@ -256,4 +257,5 @@ def test_missing_mujoco_is_reported_with_the_extra() -> None:
     code = "import sys; sys.modules['mujoco'] = None; import colift.simulation.mujoco_plant"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 1
-    assert "ModuleNotFoundError: MuJoCo is not installed: pip install 'colift[mujoco]'" in done.stderr
+    told = f"ModuleNotFoundError: MuJoCo is not installed: {extras.install_command('mujoco')}"
+    assert told in done.stderr

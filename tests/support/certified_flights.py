@@ -18,7 +18,7 @@ def of_light_team(updates: tuple[float, ...], duration_s: float) -> Scenario:
     certified, team = scenario.load_scenario("certified").model_dump(), light.settings().model_dump()
     certified |= {name: team[name] for name in ("agent_types", "agents")} | {"duration_s": duration_s}
     certified["learning"] |= {"update_times_s": updates, "end_s": updates[-1], "max_samples": 12}
-    certified["random_residual"] |= {"num_centers": 12, "min_variation": 0.0}
+    certified["random_residual"] |= {"min_variation": 0.0}
     certified["reference"] |= {"amplitude_m": (0.5, 0.4, 0.2), "ramp_time_s": 2.0}
     return Scenario.model_validate(certified)
 

@@ -221,7 +221,7 @@ def gradient_errors(team: Team, z: State, seed: int, steps: int, hover: float = 
     return {
         "forward": abs(forward / expected - 1),
         "reverse": abs(reverse / expected - 1),
-        "doubt": abs(error_estimate / expected),
+        "finite_difference_error": abs(error_estimate / expected),
         "derivative": expected,
     }
 

@@ -37,7 +37,7 @@ def labelled(
     attributes |= {"scenario_json": settings.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1"}
     names = (team.agent_names(settings), team.joint_names(settings), team.contact_names(settings))
     named = dict(zip(("agents", "joints", "contacts"), names, strict=True))
-    return log.dataset(rows, sigma=sigma, attrs=attributes | attrs, **named)
+    return log.dataset(rows, team=team.team(settings)[0], sigma=sigma, attrs=attributes | attrs, **named)
 
 
 @functools.cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 from typing import NamedTuple
 
@@ -13,7 +14,9 @@ import xarray as xr
 
 from colift.closed_loop import log
 from colift.closed_loop.signals import StepRecord
+from colift.models.parameters import KinematicTree, Team
 from colift.onboard.learning.prediction_uncertainty import PredictionUncertainty
+from tests.support import random_teams
 
 
 class Shape(NamedTuple):
@@ -35,6 +38,11 @@ class Shape(NamedTuple):
         return {"time": self.time, "agents": agents, "joints": joints, "contacts": contacts, "eta": self.eta}
 
     @property
+    def team(self) -> Team:
+        """A random team of these groups; agents with four joints have two that slide."""
+        return team(self.groups)
+
+    @property
     def names(self) -> dict[str, list[str]]:
         """Return names of agents, joints and contacts in team order."""
         team = [(j, a) for n, j, a in self.groups for _ in range(n)]
@@ -50,6 +58,17 @@ PAPER = Shape(groups=((2, 3, 2),))
 MIXED = Shape(groups=((2, 3, 2), (1, 0, 1), (1, 4, 3)), eta=18)
 
 
+@functools.cache
+def team(groups: tuple[tuple[int, int, int], ...]) -> Team:
+    """A random team of groups `(agents, joints, arms)`."""
+    structure = []
+    for size, joints, arms in groups:
+        slides = (False, True, True, False) if joints == 4 else (False,) * joints
+        tips = tuple(max(0, joints - k) for k in range(arms))
+        structure.append((KinematicTree(parents=(0,) * joints, prismatic=slides, tip_bodies=tips), size))
+    return random_teams.team(np.random.default_rng(11), tuple(structure))
+
+
 def field_axes(field: str) -> list[str]:
     """Return the axes that the annotation of a field of `Row` states."""
     stated = re.search(r"Array, ['\"](.*?)['\"]", str(StepRecord.__annotations__[field]))
@@ -57,8 +76,8 @@ def field_axes(field: str) -> list[str]:
     return stated[1].replace("*", "").split()
 
 
-def rows(rng: np.random.Generator, shape: Shape) -> StepRecord:
-    """Return a random log with the shapes that `Row` states."""
+def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRecord:
+    """Return a random log with the shapes that `Row` states; some signals may be given."""
     sizes = shape.sizes
     leaves = {
         field.name: rng.normal(size=[sizes[axis] if axis in sizes else int(axis) for axis in field_axes(field.name)])
@@ -67,6 +86,7 @@ def rows(rng: np.random.Generator, shape: Shape) -> StepRecord:
     leaves["t"] = shape.period * np.arange(shape.time)
     leaves["thrust_saturated"] = leaves["thrust_saturated"] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
+    leaves |= given
     # built of JAX arrays, so that the annotations are checked; in a flight the leaves are NumPy's too
     return jax.tree.map(np.array, StepRecord(**{name: jnp.asarray(x) for name, x in leaves.items()}))
 
@@ -101,4 +121,5 @@ def dataset(rng: np.random.Generator, shape: Shape = PAPER, **attrs: object) -> 
         "bound_assumptions": "rkhs norm, bounded noise energy",
         "run": RUN,
     }
-    return log.dataset(rows(rng, shape), sigma=sigma(rng, shape), attrs=stated | attrs, **shape.names)
+    drawn = rows(rng, shape), sigma(rng, shape)
+    return log.dataset(drawn[0], team=shape.team, sigma=drawn[1], attrs=stated | attrs, **shape.names)

@@ -35,7 +35,7 @@ def _flight() -> dict[str, np.ndarray]:
         "joints": [f"joint {k}" for k in range(flight.records.r.shape[1])],
         "contacts": [f"contact {k}" for k in range(flight.records.lam.shape[1])],
     }
-    logged = log.dataset(flight.records, sigma=flight.uncertainty, attrs={}, **names)
+    logged = log.dataset(flight.records, team=of.world.team, sigma=flight.uncertainty, attrs={}, **names)
     return _named({"log": {name: x.values for name, x in logged.items()}, "oracle": flight.model})
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from colift.analysis import stability
+from colift.analysis import reference_checks, stability
 from colift.closed_loop import flight
 from colift.scenario import Scenario, initial_states, team, termination
 
@@ -29,25 +29,34 @@ class FeasibilityReport:
         mode = (
             None
             if modes is None
-            else {"stable": modes.stable, "says": modes.describe_slowest(), "rad_s": list(modes.slowest_eigenvalue)}
+            else {
+                "stable": modes.stable,
+                "eigenvalue_radps": list(modes.slowest_eigenvalue),
+                "description": modes.describe_slowest(),
+            }
         )
         margins = None
         if self.margins is not None:
             margins = {
-                "delay_s": self.margins.delay_margin,
-                "gain": list(self.margins.gain_margin),
-                "says": self.margins.describe(),
+                "delay_margin_s": self.margins.delay_margin,
+                "gain_margin": list(self.margins.gain_margin),
+                "description": self.margins.describe(),
             }
         hover, warnings = dict(self.hover_thrust), list(self.warnings)
-        return {"slowest_mode": mode, "margins": margins, "hover_thrust_N": hover, "warnings": warnings}
+        return {"slowest_mode": mode, "stability_margins": margins, "hover_thrust_N": hover, "warnings": warnings}
 
 
-def assess_feasibility(settings: Scenario, experiments: Mapping[str, flight.Experiment]) -> FeasibilityReport:
-    """Assess the sampled loop of the first experiment at equilibrium, and the thrust in hover.
+def assess_feasibility(
+    settings: Scenario,
+    experiments: Mapping[str, flight.Experiment],
+    thrust_margin: float = termination.HOVER_THRUST_MARGIN,
+) -> FeasibilityReport:
+    """Assess the sampled loop of the first experiment at equilibrium, the thrust in hover, and the reference.
 
     Args:
         settings: Scenario.
         experiments: Experiments by case; the first one is linearized.
+        thrust_margin: Share of an agent's largest thrust below which a remaining thrust in hover causes a warning.
 
     Returns:
         Modes, margins, hover thrust and warnings.
@@ -65,12 +74,13 @@ def assess_feasibility(settings: Scenario, experiments: Mapping[str, flight.Expe
     names, truth = team.agent_names(settings), first.world.team
     hover = termination.true_hover_thrust(settings, truth, first.controller, first.world.disturbances)
     available = np.concatenate([group.thrust_max for group in truth.agent_groups])
-    margin = settings.termination.hover_thrust_margin
     for name, required, maximum in zip(names, hover, available, strict=True):
-        if maximum - required < margin * maximum:
+        if maximum - required < thrust_margin * maximum:
             warnings.append(
                 f"{name} needs {required:.4g} N of {maximum:.4g} N to hover: the margin of "
-                f"{1 - required / maximum:.1%} is below termination.hover_thrust_margin = {margin:g}"
+                f"{1 - required / maximum:.1%} is below {thrust_margin:.0%}"
             )
+    if (found := reference_checks.check_reference(settings, truth)) is not None:
+        warnings += found.warnings
     thrust = dict(zip(names, hover.tolist(), strict=True))
     return FeasibilityReport(modes=modes, margins=margins, hover_thrust=thrust, warnings=tuple(warnings))

@@ -414,8 +414,8 @@ def search_bounds(loop: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
     """Return lower and upper bounds of the tuned parameters relative to their present values, as logarithms.
 
     All bounds are `MAX_GAIN_RATIO`, with two exceptions. `K_p` is limited by the thrust that remains for the initial
-    position error above `termination.hover_thrust_margin`. The posture bandwidth is not increased unless the loop is
-    unstable, because it is a requirement of the scenario.
+    position error above `scenario.termination.HOVER_THRUST_MARGIN`. The posture bandwidth is not increased unless the
+    loop is unstable, because it is a requirement of the scenario.
 
     Args:
         loop: Closed loop at the start.
@@ -439,7 +439,7 @@ def _max_frequency_ratio(loop: LoopDesign) -> float:
         loop.settings, experiment.world.team, experiment.controller, experiment.world.disturbances
     )
     available = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
-    margin = float(((1 - loop.settings.termination.hover_thrust_margin) * available / hover).min()) - 1
+    margin = float(((1 - termination.HOVER_THRUST_MARGIN) * available / hover).min()) - 1
     requested = max(loop.settings.control.K_p) * error / max(float(np.linalg.norm(loop.settings.gravity_mps2)), 1e-9)
     return math.log(max(margin / requested, 1.0)) / 2 if requested > 0 else MAX_GAIN_RATIO
 
@@ -479,14 +479,14 @@ def summary_values(loop: LoopDesign) -> dict[str, float | str]:
     )
     return {
         "slowest_mode_1ps": on_time,
-        "slowest_mode_late_1ps": delayed,
-        "slowest_mode_learned_1ps": loop.with_learned_parameters.cost
+        "slowest_mode_delayed_1ps": delayed,
+        "slowest_mode_true_parameters_1ps": loop.with_learned_parameters.cost
         if loop.with_learned_parameters
         else max(on_time, delayed),
         "delay_margin_s": ticks * loop.experiment.dt,
         "thrust_margin": float((1 - hover / available).min()),
-        "displacement_C1_m": cost.error if isinstance(cost := simulate_cost(loop), FlightCost) else cost,
-        "e_p_C1_m": float(np.linalg.norm(force / np.array(loop.settings.control.K_p))) / total(nominal),
+        "contact_displacement_C1_m": cost.error if isinstance(cost := simulate_cost(loop), FlightCost) else cost,
+        "static_e_p_C1_m": float(np.linalg.norm(force / np.array(loop.settings.control.K_p))) / total(nominal),
     }
 
 
@@ -531,12 +531,12 @@ def format_report(
     lines = [f"{'':44} {'before':>10} {'after':>10}"]
     for label, key, scale, spec in (
         ("slowest mode, 1/s", "slowest_mode_1ps", 1, "+.3g"),
-        (f"slowest mode with {1e3 * DESIGN_DELAY:g} ms delay, 1/s", "slowest_mode_late_1ps", 1, "+.3g"),
-        ("slower of both, true parameters, 1/s", "slowest_mode_learned_1ps", 1, "+.3g"),
+        (f"slowest mode with {1e3 * DESIGN_DELAY:g} ms delay, 1/s", "slowest_mode_delayed_1ps", 1, "+.3g"),
+        ("slower of both, true parameters, 1/s", "slowest_mode_true_parameters_1ps", 1, "+.3g"),
         ("delay margin, ms", "delay_margin_s", 1e3, ".3g"),
         ("thrust margin in hover, %", "thrust_margin", 100, ".3g"),
-        ("static position error of C1, mm", "e_p_C1_m", 1e3, ".3g"),
-        ("contact displacement in simulation, mm", "displacement_C1_m", 1e3, ".3g"),
+        ("static position error of C1, mm", "static_e_p_C1_m", 1e3, ".3g"),
+        ("contact displacement in simulation, mm", "contact_displacement_C1_m", 1e3, ".3g"),
     ):
         cells = [x if isinstance(x := values[key], str) else format(scale * x, spec) for values in (old, new)]
         lines.append(f"{label:44} {cells[0]:>10} {cells[1]:>10}")

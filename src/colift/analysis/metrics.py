@@ -38,7 +38,8 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
     """Compute the entries of one case in `summary.json`, except computation times.
 
     RMS values and means are over the second half of the flight. Norms of wrenches and of sigma are given in three
-    forms: force part, moment part, and the total norm of the paper, which adds newtons and newton meters.
+    forms: force part, moment part, and the total norm of the paper, which adds newtons and newton meters. Names end
+    with the unit; a name without unit belongs to a dimensionless value, or to one that mixes newtons and newton metres.
 
     Args:
         flight: Result of the flight.
@@ -53,9 +54,9 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
         "complete": not flight.termination_reason,
         "termination_reason": flight.termination_reason,
         "e_p_rms_m": rms_norm(half.e_p),
-        "e_v_rms": rms_norm(half.e_v),
+        "e_v_rms_mps": rms_norm(half.e_v),
         "e_R_rms": rms_norm(half.e_R),
-        "e_omega_rms": rms_norm(half.e_omega),
+        "e_omega_rms_radps": rms_norm(half.e_omega),
         "Psi_mean": float(half.Psi.mean()),
         "delta_W_rms": rms_norm(half.delta_W),
         "delta_W_force_rms_N": rms_norm(half.delta_W[:, :3]),
@@ -67,18 +68,18 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
         "thrust_min_N": float(half.u.min()),
         "thrust_max_N": float(half.u.max()),
         "Phi_max_m": float(rows.Phi.max()),
-        "Phi_dot_max": float(rows.Phi_dot.max()),
+        "Phi_dot_max_mps": float(rows.Phi_dot.max()),
         "wrench_consistency_max": wrench_consistency_error(rows, nominal),
         "interface_identity_max": interface_identity_error(rows, nominal),
         "eta_max_N": float(np.linalg.norm(rows.eta, axis=1).max(initial=0.0)),
         "saturated_ticks": int(rows.thrust_saturated.any(1).sum()),
-        "min_delassus_singular_value": float(rows.min_delassus_singular_value.min()),
+        "min_delassus_singular_value_1pkg": float(rows.min_delassus_singular_value.min()),
         "num_samples": flight.updates[-1].num_samples if flight.updates else {"payload": 0, "agents": 0},
-        "updates": [update.t for update in flight.updates],
+        "update_times_s": [update.t for update in flight.updates],
         "warnings": [text for text in (warn_step_size(rows), *flight.learning_warnings) if text],
         "correlation": correlations(flight),
         "miscoverage": miscoverage(flight),
-        "bound": bound_statistics(flight),
+        "error_bound": bound_statistics(flight),
         "residual": residual_statistics(half, truth, nominal),
     }
     return out
@@ -156,10 +157,12 @@ def interface_identity_error(rows: StepRecord, nominal: Team) -> float:
 def _sigma(flight: FlightResult) -> dict[str, float]:
     """Compute means of `sigma_L` and `sigma_A`, Frobenius norms of `Sigma^(1/2)` (Section V), over the second half."""
     half = _half(flight)
+    units = {"": "", "_force": "_N", "_moment": "_Nm"}
+    norms = log.uncertainty_norms(flight.uncertainty)
     return {
-        f"{name}_mean": float(x[half].mean())
-        for name, x in log.uncertainty_norms(flight.uncertainty).items()
-        if name.startswith("sigma")
+        f"sigma_{body}{part}_mean{unit}": float(norms[f"sigma_{body}{part}"][half].mean())
+        for part, unit in units.items()
+        for body in "LA"
     }
 
 
@@ -207,7 +210,7 @@ def _half(flight: FlightResult) -> np.ndarray:
 def miscoverage(flight: FlightResult) -> dict[str, Any]:
     """Compute the fraction of samples outside the 95 % prediction interval over the second half.
 
-    The nominal value is 5 %. `error_over_deviation` is the RMS of the error divided by its predictive standard
+    The nominal `rate` is 5 %. `normalized_error_rms` is the RMS of the error divided by its predictive standard
     deviation: 1 if the standard deviations are correct, below 1 if they are conservative.
 
     Args:
@@ -223,8 +226,8 @@ def miscoverage(flight: FlightResult) -> dict[str, Any]:
     for body, error, std_body in zip(("payload", "agents"), errors, std, strict=True):
         normalized = np.abs(error[half]) / std_body[half]
         result[body] = {
-            "share": (normalized > 1.96).mean(0).tolist(),
-            "error_over_deviation": np.sqrt((normalized**2).mean(0)).tolist(),
+            "rate": (normalized > 1.96).mean(0).tolist(),
+            "normalized_error_rms": np.sqrt((normalized**2).mean(0)).tolist(),
         }
     return result
 
@@ -232,9 +235,9 @@ def miscoverage(flight: FlightResult) -> dict[str, Any]:
 def bound_statistics(flight: FlightResult) -> dict[str, Any]:
     """Compare the error bounds along the flight with the true errors `f - f_hat` of payload and agents.
 
-    `exceeded_share` is the fraction of samples whose error exceeds the bound, for the total norm, its force part, its
-    moment part and any single output. `tightness_median` is the median of `rho_bar / |f - f_hat|` over the second half;
-    it is infinite if data contradict the assumptions of the bound. `beta` belongs to the last update, by output.
+    `violation_rate` is the fraction of samples whose error exceeds the bound, for the total norm, its force part, its
+    moment part and any single output. `bound_over_error_median` is the median of `rho_bar / |f - f_hat|` over the
+    second half; it is infinite if data contradict the assumptions of the bound. `beta` belongs to the last update.
 
     Args:
         flight: Result of the flight.
@@ -267,7 +270,7 @@ def _bounded(error: np.ndarray, radius: np.ndarray, half: np.ndarray) -> dict[st
     """Compute the bound statistics of one body, with all its outputs as columns."""
     norm = lambda x: np.linalg.norm(x, axis=1)  # noqa: E731
     exceeded = {
-        "plain": norm(error) > norm(radius),
+        "total": norm(error) > norm(radius),
         "force": norm(error[:, :3]) > norm(radius[:, :3]),
         "moment": norm(error[:, 3:]) > norm(radius[:, 3:]),
         "any_output": (np.abs(error) > radius).any(1),
@@ -275,16 +278,17 @@ def _bounded(error: np.ndarray, radius: np.ndarray, half: np.ndarray) -> dict[st
     with np.errstate(divide="ignore"):  # the error of an exact residual is zero
         tightness = norm(radius[half]) / norm(error[half])
     return {
-        "exceeded_share": {part: float(mask.mean()) for part, mask in exceeded.items()},
-        "tightness_median": float(np.median(tightness)),
+        "violation_rate": {part: float(mask.mean()) for part, mask in exceeded.items()},
+        "bound_over_error_median": float(np.median(tightness)),
     }
 
 
 def residual_statistics(rows: StepRecord, truth: Team, nominal: Team) -> dict[str, Any]:
     """Compute constant and varying parts of the residuals.
 
-    `varying_rms` is the standard deviation of each payload channel without the effect of mass and inertia errors, which
-    is computed from the true parameters. `constant_share` is the fraction of each channel's power in its mean.
+    `state_dependent_std` is the standard deviation of each payload channel without the effect of mass and inertia
+    errors, which is computed from the true parameters. `mean_power_fraction` is the fraction of a channel's power in
+    its mean.
 
     Args:
         rows: Records of the flight.
@@ -306,7 +310,7 @@ def residual_statistics(rows: StepRecord, truth: Team, nominal: Team) -> dict[st
         parameter_residual(*map(jnp.asarray, (rows.p, rows.v, rows.R_L, rows.omega_L, rows.a_L)))
     )
     return {
-        "payload": _share(rows.f_L) | {"varying_rms": (remainder - remainder.mean(0)).std(0).tolist()},
+        "payload": _share(rows.f_L) | {"state_dependent_std": (remainder - remainder.mean(0)).std(0).tolist()},
         "agents_force": _share(rows.f_x.reshape(len(rows.t), -1)),
         "agents_moment": _share(rows.f_w.reshape(len(rows.t), -1)),
     }
@@ -316,7 +320,7 @@ def _share(f: Samples) -> dict[str, list[float]]:
     """Compute mean, standard deviation and fraction of the power in the mean, by channel."""
     mean, rms = f.mean(0), f.std(0)
     power = np.maximum(mean**2 + rms**2, np.finfo(float).tiny)
-    return {"mean": mean.tolist(), "std": rms.tolist(), "constant_share": (mean**2 / power).tolist()}
+    return {"mean": mean.tolist(), "std": rms.tolist(), "mean_power_fraction": (mean**2 / power).tolist()}
 
 
 def parameter_mismatch(truth: Team, nominal: Team) -> np.ndarray:

@@ -1,24 +1,30 @@
-"""Scenario, agent poses and reference attitudes from the log of a flight."""
+"""Scenario, base positions and reference attitudes from the log of a flight."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from colift.closed_loop import log, pose_signals
 from colift.math import so3
 from colift.math.linalg import transpose
-from colift.models.parameters import AerialManipulator, Team
+from colift.models.parameters import Team
 from colift.scenario import Scenario, ScenarioError
 from colift.scenario.migration import migrate_data
 
 
 def scenario_of_log(ds: xr.Dataset) -> Scenario:
-    """Return the scenario that is stored in a log.
+    """Return the scenario that is stored in a log, without the plugins of the user.
+
+    A log comes from anywhere, and loading a plugin executes its module. Therefore no plugin is loaded: disturbances and
+    sensor models that are plugins are omitted, actuators are ideal, and a reference is replaced by its first position.
 
     Args:
         ds: Dataset of a flight.
@@ -31,37 +37,71 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
     """
     try:
         data = json.loads(ds.attrs["scenario_json"])
-        data = migrate_data(data, strict=False)
-        data.pop("plugins", None)  # drawing a team needs no plugin code
+        data = _without_plugins(migrate_data(data, strict=False), ds)
         return Scenario.model_validate_json(json.dumps(data))
     except KeyError:
         raise ValueError(
             f"the log {ds.attrs.get('case', '')} of run {ds.attrs.get('run', 'unknown')} contains no scenario; it was "
             "written by an earlier version of colift: run colift study again"
         ) from None
-    except (ScenarioError, json.JSONDecodeError, AttributeError) as error:
+    except (ScenarioError, ValueError, TypeError, AttributeError) as error:
         first = str(error).splitlines()[0]
         raise ValueError(
             f"this version of colift cannot read the scenario in the log ({first}): run colift study again"
         ) from None
 
 
-def poses_by_group(ds: xr.Dataset, team: Team) -> Iterator[tuple[AerialManipulator, Array, Array, Array]]:
-    """Yield each group of a team with its attitudes, centers of mass and joint positions along a log.
+def plugin_classes(ds: xr.Dataset) -> list[str]:
+    """Return the plugins of the scenario in a log as `module:Name`, sorted; `scenario_of_log` omits them.
 
     Args:
-        ds: Dataset with the times to use.
-        team: Team that determines the layout.
-
-    Yields:
-        Group, attitudes (body to world), centers of mass [m, world] and joint positions [rad or m]; time first.
+        ds: Dataset of a flight.
     """
-    agents = joints = 0
-    for size, group in zip(team.sizes, team.agent_groups, strict=True):
-        agent_slice, n = slice(agents, agents + size), size * group.tree.joints
-        r = ds.r.values[:, joints : joints + n].reshape(ds.sizes["time"], size, group.tree.joints)
-        yield group, jnp.asarray(ds.R.values[:, agent_slice]), jnp.asarray(ds.x.values[:, agent_slice]), jnp.asarray(r)
-        agents, joints = agents + size, joints + n
+    return sorted(set(_class_paths(json.loads(ds.attrs["scenario_json"]))))
+
+
+def _class_paths(value: Any) -> Iterator[str]:
+    """Yield all entries `class_path`, in schema 1 `part`, of nested data."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            if key in ("class_path", "part") and isinstance(entry, str):
+                yield entry
+            yield from _class_paths(entry)
+    elif isinstance(value, list):
+        for entry in value:
+            yield from _class_paths(entry)
+
+
+def _without_plugins(data: dict[str, Any], ds: xr.Dataset) -> dict[str, Any]:
+    """Return the data of a scenario without the sections that name a plugin."""
+    named = lambda section: isinstance(section, dict) and "class_path" in section  # noqa: E731
+    kept = {key: value for key, value in data.items() if key != "plugins"}
+    if isinstance(disturbances := data.get("disturbances"), list):
+        kept["disturbances"] = [each for each in disturbances if not named(each)]
+    if isinstance(sensors := data.get("sensors"), dict) and isinstance(sensors.get("models"), list):
+        kept["sensors"] = sensors | {"models": [each for each in sensors["models"] if not named(each)]}
+    if named(data.get("actuators")):
+        del kept["actuators"]
+    if named(data.get("reference")):
+        hover = [float(x) for x in ds.p_d.values[0]]
+        still = {"amplitude_m": [0.0, 0.0, 0.0], "period_s": 1.0, "ramp_time_s": 1.0}
+        kept["reference"] = {"kind": "lissajous", "center_m": hover, **still}
+    return kept
+
+
+def base_positions(ds: xr.Dataset, team: Team) -> np.ndarray:
+    """Return the positions of the base origins `p_base`; they are computed for logs of schemas 1 and 2.
+
+    Args:
+        ds: Log.
+        team: True parameters of the team.
+
+    Returns:
+        Positions by time and agent [m, world].
+    """
+    if "p_base" in ds:
+        return ds.p_base.values
+    return pose_signals.base_positions(team, ds.R.values, ds.x.values, log.all_joints(ds, "r").values)
 
 
 @jax.jit

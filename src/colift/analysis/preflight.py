@@ -9,30 +9,32 @@ See Also:
 from __future__ import annotations
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
-from colift.analysis import remedies, stability
+from colift.analysis import joint_limits, learning_benefit, reference_checks, reference_loads, remedies, stability
 from colift.closed_loop import flight
-from colift.math import so3
-from colift.math.linalg import matmul, transpose
 from colift.models import grasp
 from colift.models.parameters import Team
-from colift.models.state import PayloadState, State, Wrench
-from colift.onboard import controller
+from colift.models.state import State
 from colift.onboard.control import label_feedback
-from colift.scenario import Scenario, ScenarioError, controllers, experiment, initial_states, team, termination
-from colift.simulation import disturbances
+from colift.scenario import (
+    Scenario,
+    ScenarioError,
+    controllers,
+    experiment,
+    initial_states,
+    structure,
+    team,
+    termination,
+)
 
 MAX_GRASP_CONDITION = 30.0  # of the grasp matrix with moments divided by the RMS distance of the contacts
 MIN_DELAY_MARGIN = 0.002  # s, typical delay of a bus and a flight controller
+MAX_LINEARIZED_JOINTS = 10  # of an agent; the time of compilation grows with them
 SAMPLE_TIMES = 400  # times on the reference at which the required thrust is evaluated
 
 
@@ -40,7 +42,7 @@ SAMPLE_TIMES = 400  # times on the reference at which the required thrust is eva
 class Finding:
     """Result of one check."""
 
-    subject: str  # one word
+    subject: str  # what was checked
     message: str  # one sentence with values and units
     values: dict[str, Any]  # the values by name, with units in the names
     advice: tuple[str, ...] = ()  # proposed changes; empty if and only if the check passed
@@ -60,29 +62,33 @@ class PreflightReport:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """Findings as printed by `check --json`."""
-        findings = {
-            finding.subject: {
-                "bad": bool(finding.advice),
-                "says": finding.message,
+        """Result and findings as printed by `check --json`; a key of `checks` is the subject of a finding."""
+        checks = {
+            finding.subject.replace(" ", "_"): {
+                "passed": not finding.advice,
+                "message": finding.message,
                 "advice": list(finding.advice),
                 **finding.values,
             }
             for finding in self.findings
         }
-        return {"scenario": self.scenario, "sound": self.passed, **findings}
+        return {"scenario": self.scenario, "passed": self.passed, "checks": checks}
 
     def format_report(self) -> list[str]:
         """Format the findings for the terminal: one line each, advice below failed ones, the result last."""
-        lines = []
+        lines, width = [], max(len(finding.subject) for finding in self.findings)
         for finding in self.findings:
-            lines.append(f"{finding.subject:9} {finding.message}")
-            lines += [f"{'':9} advice: {advice}" for advice in finding.advice]
+            lines.append(f"{finding.subject:{width}}  {finding.message}")
+            lines += [f"{'':{width}}  advice: {advice}" for advice in finding.advice]
         failed = [finding.subject for finding in self.findings if finding.advice]
         return [*lines, f"{self.scenario}: {'failed: ' + ', '.join(failed) if failed else 'passed'}"]
 
 
-def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _what: None) -> PreflightReport:
+def run_preflight(
+    settings: Scenario,
+    progress: Callable[[str], None] = lambda _what: None,
+    thrust_margin: float = termination.HOVER_THRUST_MARGIN,
+) -> PreflightReport:
     r"""Build a scenario, linearize its sampled loop at equilibrium, and check both.
 
     A scenario that cannot be built yields a finding with the reason.
@@ -90,6 +96,7 @@ def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _
     Args:
         settings: Scenario.
         progress: Function called with a description of the progress.
+        thrust_margin: Share of an agent's largest thrust that must remain in hover and on the reference.
 
     Returns:
         The findings.
@@ -102,33 +109,48 @@ def run_preflight(settings: Scenario, progress: Callable[[str], None] = lambda _
     """
     truth, nominal = team.team(settings)
     findings = [_mass(settings, truth, nominal)]
+    if errors := structure.structural_errors(settings, truth):
+        refused = Finding(
+            "build", "; ".join(error.message for error in errors), {}, tuple(error.advice for error in errors)
+        )
+        return PreflightReport(settings.name, (*findings, refused))
     try:
         findings.append(_contacts(settings, truth))
         progress("team")
         flight_experiment = experiment.make_experiment(settings, "C1")
         z = initial_states.equilibrium_state(settings, truth)
-        findings += [_thrust(settings, flight_experiment, z), *_joints(settings, truth, z), *_labels(settings, nominal)]
+        findings.append(_thrust(settings, flight_experiment, z, thrust_margin))
+        findings += [*_reference(settings, truth)]
+        findings += [*_joints(settings, truth, z), *_limits(settings, z), *_labels(settings, nominal)]
+        findings += _learnable(settings, flight_experiment, z)
     except ScenarioError as error:
         return PreflightReport(
             settings.name,
             (
                 *findings,
-                Finding("refused", str(error), {}, remedies.advice_for_rejection(settings, str(error), progress)),
+                Finding("build", str(error), {}, remedies.advice_for_rejection(settings, str(error), progress)),
             ),
+        )
+    largest = max(len(settings.agent_types[agent.type].joints) for agent in settings.agents)
+    if largest > MAX_LINEARIZED_JOINTS:
+        message = f"not evaluated: the linearization for an agent with {largest} joints takes minutes"
+        advice = f"use agents with at most {MAX_LINEARIZED_JOINTS} joints, or simulate the team with `colift study`"
+        return PreflightReport(
+            settings.name, (*findings, Finding("slowest mode", message, {"stable": None}, (advice,)))
         )
     progress("linearization at equilibrium")
     try:
         x, M = stability.equilibrium_and_jacobian(flight_experiment, z)
     except ValueError as error:
         no_equilibrium = Finding(
-            "rest", str(error), {}, ("reduce control.K_p and control.agent_k_R by half and repeat the check",)
+            "equilibrium", str(error), {}, ("reduce control.K_p and control.agent_k_R by half and repeat the check",)
         )
         return PreflightReport(settings.name, (*findings, no_equilibrium))
     modes = stability.compute_modes(x, M, flight_experiment.dt)
     mode_finding = Finding(
-        "mode",
-        f"slowest {_describe_mode(settings, modes)}",
-        {"stable": modes.stable, "rad_s": list(modes.slowest_eigenvalue)},
+        "slowest mode",
+        _describe_mode(settings, modes),
+        {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)},
         () if modes.stable else remedies.stabilizing_changes(settings, x, M, progress),
     )
     delay = (*_posture(settings, modes, progress), _delay(settings, x, M, progress)) if modes.stable else ()
@@ -153,12 +175,12 @@ def _learned_mode(settings: Scenario, progress: Callable[[str], None]) -> Iterat
     try:
         modes = remedies.modes_at_equilibrium(true_parameters)
     except ValueError as error:
-        yield Finding("learned", f"with true parameters: {error}", {}, ("see rest",))
+        yield Finding("learned mode", f"with true parameters: {error}", {}, ("see equilibrium",))
         return
     yield Finding(
-        "learned",
-        f"with true parameters, slowest {_describe_mode(true_parameters, modes)}",
-        {"stable": modes.stable, "rad_s": list(modes.slowest_eigenvalue)},
+        "learned mode",
+        f"slowest mode with true parameters {_describe_mode(true_parameters, modes)}",
+        {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)},
         () if modes.stable else ("use `colift tune`, which includes this equilibrium",),
     )
 
@@ -187,7 +209,7 @@ def _posture(settings: Scenario, modes: stability.Modes, progress: Callable[[str
     yield Finding(
         "posture",
         f"redundant joints converge at {rate:.3g} 1/s, slowest {joint}; control.posture_bandwidth = {required:g}",
-        {"rate_1ps": rate, "stated_1ps": required},
+        {"convergence_rate_1ps": rate, "posture_bandwidth_1ps": required},
         remedies.posture_changes(settings, rate, joint, progress) if rate < required / 2 or required == 0 else (),
     )
 
@@ -218,7 +240,7 @@ def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
         {
             "total_kg": total,
             "payload_kg": payload_mass,
-            "believed_kg": nominal_mass,
+            "nominal_payload_kg": nominal_mass,
             "agents_kg": agents,
             "thrust_max_N": thrust,
         },
@@ -242,7 +264,7 @@ def _contacts(settings: Scenario, truth: Team) -> Finding:
     return Finding(
         "contacts",
         f"grasp matrix of {len(c)} contacts has rank {rank} of 6, condition {condition:.3g}",
-        {"rank": rank, "condition": condition},
+        {"rank": rank, "condition_number": condition},
         advice,
     )
 
@@ -254,27 +276,34 @@ def _joints(settings: Scenario, truth: Team, state: State) -> Iterator[Finding]:
     for name, agent, r, _ in grasp.iter_agents(truth, state, team.agent_names(settings)):
         if conditions[name] > remedies.MAX_JACOBIAN_CONDITION and len(r):
             k = int(np.argmax(grasp.grasp_jacobian_svd(agent, r)[1]))
-            joint = settings.agent_types[agent_types[name]].joints[k].name
+            joint = settings.agent_types[agent_types[name]].joints[k]
             advice.append(
-                f"{name}: move the nominal position of joint {joint} away from {float(r[k]):.3g} "
-                f"(agent_types.{agent_types[name]}.joints.{k}.nominal_position_rad; "
-                f"of a type from URDF .nominal_position_rad.{joint}), or move its contact"
+                f"{name}: move the nominal position of joint {joint.name} away from {float(r[k]):.3g} "
+                f"({joint_limits.nominal_position_path(settings, agent_types[name], joint)}), or move its contact"
             )
     if any(len(settings.agent_types[agent_type].joints) for agent_type in agent_types.values()):
         worst = max(conditions, key=lambda name: conditions[name])
         message = f"largest condition number of the grasp Jacobians {conditions[worst]:.3g} ({worst})"
-        yield Finding("joints", message, {"condition": conditions}, tuple(advice))
+        yield Finding("joints", message, {"condition_number": conditions}, tuple(advice))
 
 
-def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> Finding:
-    """Check the thrust in hover and on the reference against `termination.hover_thrust_margin`."""
-    names, margin = team.agent_names(settings), settings.termination.hover_thrust_margin
+def _limits(settings: Scenario, state: State) -> Iterator[Finding]:
+    """Check the nominal and equilibrium positions of joints against their limits."""
+    equilibrium = np.concatenate([np.asarray(group.r).ravel() for group in state.agents])
+    sentences, advice = joint_limits.position_violations(settings, equilibrium)
+    if sentences:
+        yield Finding("joint limits", "; ".join(sentences), {"violations": list(sentences)}, advice)
+
+
+def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, margin: float) -> Finding:
+    """Check that a share of the thrust remains in hover and on the reference."""
+    names = team.agent_names(settings)
     available = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
     t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
     hover = termination.true_hover_thrust(
         settings, experiment.world.team, experiment.controller, experiment.world.disturbances
     )
-    reference_thrust = thrust_profile(experiment, state, t)
+    reference_thrust = reference_loads.thrust_profile(experiment, state, t)
     margins = [1 - hover / available, 1 - reference_thrust.max(0) / available]
     smallest = [int(np.argmin(values)) for values in margins]
     worst_time = float(t[int(np.argmax(reference_thrust[:, smallest[1]]))])
@@ -292,8 +321,10 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
                 )
             else:  # the total thrust is too small
                 proposal += ", lower payload.mass_kg, or add an agent"
-            if k == 1 and hover_ok:
-                proposal += ", or use a slower or smaller reference (reference.period_s, amplitude_m)"
+            if k == 1 and hover_ok and settings.reference.kind == "lissajous":
+                proposal += f", or use {reference_checks.slower_reference(settings)}"
+            elif k == 1 and hover_ok:
+                proposal += ", or use a slower reference"
             advice.append(proposal)
     return Finding(
         "thrust",
@@ -301,65 +332,34 @@ def _thrust(settings: Scenario, experiment: flight.Experiment, state: State) -> 
         f"({names[smallest[0]]}), on the reference {margins[1][smallest[1]]:.1%} ({names[smallest[1]]}, "
         f"at {worst_time:.3g} s)",
         {
-            "hover_N": dict(zip(names, hover.tolist(), strict=True)),
-            "reference_N": dict(zip(names, reference_thrust.max(0).tolist(), strict=True)),
+            "hover_thrust_N": dict(zip(names, hover.tolist(), strict=True)),
+            "max_reference_thrust_N": dict(zip(names, reference_thrust.max(0).tolist(), strict=True)),
             "thrust_max_N": dict(zip(names, available.tolist(), strict=True)),
         },
         tuple(advice),
     )
 
 
-def thrust_profile(experiment: flight.Experiment, state: State, t: np.ndarray) -> np.ndarray:
-    """Compute the thrust that every agent needs along the reference.
-
-    The team is assumed to follow the reference in its equilibrium configuration. Contributions of joint motion, agent
-    attitudes and tracking errors are neglected.
-
-    Args:
-        experiment: Experiment with team, controller and disturbances.
-        state: Equilibrium of the team.
-        t: Times [s].
-
-    Returns:
-        Thrust `(times, agents)` [N].
-    """
-    return np.asarray(
-        _along(experiment.world.team, experiment.controller, experiment.world.disturbances, state, jnp.asarray(t))
-    )
+def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:
+    """Check overshoot and acceleration of a reference through poses."""
+    if (found := reference_checks.check_reference(settings, truth)) is not None:
+        yield Finding("reference", found.message, found.values, found.advice)
 
 
-@jax.jit
-@functools.partial(jax.vmap, in_axes=(None, None, None, None, 0))
-def _along(
-    team: Team,
-    onboard_controller: controller.LeaderFollowerController,
-    sources: disturbances.DisturbanceSet,
-    state: State,
-    t: Array,
-) -> Float[Array, "agents"]:
-    """Compute the thrust of every agent at one time on the reference."""
-    d, g, payload = onboard_controller.reference.evaluate(t), team.gravity, team.payload
-    omega_hat = so3.hat(d.omega)
-    rotation_acceleration = matmul(d.R, so3.hat(d.omega_dot) + matmul(omega_hat, omega_hat))
-    agents, accelerations = [], []
-    for group, q in zip(team.agent_groups, state.agents, strict=True):
-        c = group.contact_position.mean(1)
-        shift = (d.p - state.payload.p)[None] + c @ transpose(d.R - state.payload.R)
-        agents.append(dataclasses.replace(q, x=q.x + shift, v=d.v[None] + c @ transpose(matmul(d.R, omega_hat))))
-        accelerations.append(d.a[None] + c @ transpose(rotation_acceleration))
-    displaced = State(agents=tuple(agents), payload=PayloadState(p=d.p, R=d.R, v=d.v, omega=d.omega))
-    f = disturbances.initial_forces(sources, team, displaced)
-    angular_rate = payload.inertia @ d.omega_dot + so3.cross(d.omega, payload.inertia @ d.omega)
-    W = Wrench(F=payload.mass * (d.a - g) - f.payload.F, tau=angular_rate - f.payload.tau)
-    steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    lam = onboard_controller.allocator.allocate(
-        controller.context_at(onboard_controller, displaced, jnp.zeros(6), t), W, steady
-    ).lam
-    parts = zip(team.agent_groups, grasp.split_contacts(team, lam), accelerations, f.agents, strict=True)
-    required = [
-        force.sum(1) + group.mass.sum(1, keepdims=True) * (a - g[None]) - f_j.f_x for group, force, a, f_j in parts
-    ]
-    return jnp.linalg.norm(jnp.concatenate(required), axis=1)
+def _learnable(settings: Scenario, experiment: flight.Experiment, state: State) -> Iterator[Finding]:
+    """Report label errors that exceed what is to be learned; not evaluated with random residuals."""
+    if settings.random_residual is not None:
+        return
+    world = experiment.world
+    t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
+    payload, agents = reference_loads.residual_forces(experiment, state, t)
+    names = team.agent_names(settings)
+    found = learning_benefit.label_quality(settings, world.team, names, payload, agents)
+    if message := learning_benefit.describe_exceeded(found):
+        values = {
+            each.name: {"residual_N": each.residual, "bias_N": each.bias, "noise_N": each.noise} for each in found
+        }
+        yield Finding("learning", message, {"label_errors": values})
 
 
 def _rate(modes: stability.Modes) -> str:
@@ -404,14 +404,12 @@ def _delay(settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progre
     try:
         margin = remedies.delay_margin(settings, x, M)
     except ValueError as error:
-        return Finding("delay", f"the delay margin is not known: {error}", {"margin_s": None})
-    message = f"delay margin {margin:.3g} s" + (
-        " or more" if margin > stability.MAX_DELAY - 1 / settings.control_Hz else ""
-    )
+        return Finding("delay margin", f"not known: {error}", {"delay_margin_s": None})
+    message = f"{margin:.3g} s" + (" or more" if margin > stability.MAX_DELAY - 1 / settings.control_Hz else "")
     return Finding(
-        "delay",
+        "delay margin",
         message,
-        {"margin_s": margin},
+        {"delay_margin_s": margin},
         remedies.delay_margin_changes(settings, margin, progress) if margin < MIN_DELAY_MARGIN else (),
     )
 
@@ -431,9 +429,9 @@ def _labels(settings: Scenario, nominal: Team) -> Iterator[Finding]:
             reason = "has no weight, so that its thrust direction is not determined"
         share = f"{100 * attenuation:.2g}%" if attenuation else "none"
         yield Finding(
-            "labels",
+            "label loop gain",
             f"{largest} {reason}: cases with label feedback use {share} of its label rates and respond later to gusts",
-            {"gain": {name: gain if np.isfinite(gain) else None for name, gain in gains.items()}},
+            {"label_loop_gain": {name: gain if np.isfinite(gain) else None for name, gain in gains.items()}},
         )
 
 
@@ -444,7 +442,7 @@ def _gain(x: stability.LoopStateTree, M: np.ndarray) -> Iterator[Finding]:
     except ValueError:  # `_delay` reports the reason
         return
     yield Finding(
-        "gain",
-        f"gain margin {stability.format_gain_margin(gain)}",
-        dict(zip(("least", "greatest"), gain, strict=True)),
+        "gain margin",
+        stability.format_gain_margin(gain),
+        {"gain_margin": list(gain)},
     )

@@ -1,7 +1,7 @@
 """Changes of a scenario that remedy the findings of the preflight check.
 
 Each function proposes changes, evaluates them with the linearized closed loop of case C1, and returns those that
-improve the finding, as sentences with the option to type.
+improve the finding, as sentences with the option to type. A search ends after `SEARCH_TIME`.
 
 See Also:
     colift.analysis.preflight: the findings.
@@ -10,22 +10,44 @@ See Also:
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 
-from colift.analysis import stability
+from colift.analysis import joint_limits, stability
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import State
 from colift.scenario import Scenario, ScenarioError, experiment, initial_states, team
 
 MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, one tenth of the limit of `grasp.check_controllability`
+SEARCH_TIME = 15.0  # s of processor time, for one search
 MAX_CANDIDATES = 2  # changes that are evaluated in full, of those that are best to first order
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # gains of the agents last
 
+T = TypeVar("T")
 Change = tuple[str, Scenario]
 """Option to type, for example `--set control.K_v=3`, and the changed scenario."""
+
+
+def within_search_time(candidates: Iterable[T]) -> Iterator[T]:
+    """Iterate over the candidates of a search until `SEARCH_TIME` has passed; at least one is returned.
+
+    The time of compilation grows with the number of joints, so that a check of a large team would take minutes.
+
+    Args:
+        candidates: Candidates, the most promising first.
+
+    Yields:
+        The candidates.
+    """
+    start = time.process_time()
+    for k, candidate in enumerate(candidates):
+        if k and time.process_time() - start > SEARCH_TIME:
+            return
+        yield candidate
 
 
 def modes_at_equilibrium(settings: Scenario) -> stability.Modes:
@@ -110,7 +132,7 @@ def advice_for_rejection(settings: Scenario, message: str, progress: Callable[[s
     """
     if "grasp Jacobian" in message:
         feasible = []
-        for option, changed in contact_spacing_changes(settings):
+        for option, changed in within_search_time(contact_spacing_changes(settings)):
             progress(f"team with {option}")
             with contextlib.suppress(ScenarioError):
                 truth = experiment.make_experiment(changed, "C1").world.team
@@ -173,7 +195,7 @@ def stabilizing_changes(
         [*nominal_position_changes(settings), *contact_height_changes(settings)],
     ):
         evaluated = []
-        for option, changed in candidates:
+        for option, changed in within_search_time(candidates):
             progress(f"linearization with {option}")
             with contextlib.suppress(ValueError):  # the team cannot be built, or has no equilibrium
                 evaluated.append((modes_at_equilibrium(changed).slowest_eigenvalue[0], option))
@@ -203,7 +225,7 @@ def posture_changes(settings: Scenario, current: float, joint: str, progress: Ca
     """
     sufficient, faster = [], []
     gains, positions = gain_changes(settings, GAINS[-2:]), nominal_position_changes(settings, joint.rpartition("/")[2])
-    for option, changed in [*posture_bandwidth_changes(settings, current), *gains, *positions]:
+    for option, changed in within_search_time([*posture_bandwidth_changes(settings, current), *gains, *positions]):
         progress(f"linearization with {option}")
         required = changed.control.posture_bandwidth
         with contextlib.suppress(ValueError):  # the team cannot be built, or has no equilibrium
@@ -230,7 +252,7 @@ def delay_margin_changes(settings: Scenario, current: float, progress: Callable[
         Sentences with option and resulting margin.
     """
     evaluated = []
-    for option, changed in list(gain_changes(settings))[::2]:
+    for option, changed in within_search_time(list(gain_changes(settings))[::2]):
         progress(f"linearization with {option}")
         flight_experiment = experiment.make_experiment(changed, "C1")
         with contextlib.suppress(ValueError):
@@ -304,8 +326,7 @@ def nominal_position_changes(settings: Scenario, name: str | None = None) -> Ite
                 )
                 types = settings.agent_types | {kind: changed_type}
                 yield (
-                    f"--set agent_types.{kind}.joints.{joint.name}.nominal_position_rad={value} "
-                    f"(of a type from URDF agent_types.{kind}.nominal_position_rad.{joint.name}={value})",
+                    f"--set {joint_limits.nominal_position_path(settings, kind, joint)}={value}",
                     settings.model_copy(update={"agent_types": types}),
                 )
 

@@ -56,17 +56,17 @@ class Violation:
 
     Attributes:
         error: Name of the error.
-        bound: Bound of the prediction error.
-        kind: "tube" for an a priori bound, "run" for an a posteriori bound.
+        prediction_bound: Bound of the prediction error, such as "energy".
+        kind: "a_priori" or "a_posteriori".
         observed: Observed error [m, m/s, 1 or rad/s].
-        radius: Ultimate bound in the same unit.
+        ultimate_bound: Ultimate bound in the same unit.
     """
 
     error: str
-    bound: str
+    prediction_bound: str
     kind: str
     observed: float
-    radius: float
+    ultimate_bound: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,14 +103,14 @@ class Certificate:
         nominal_error: Largest errors of the nominal trajectory.
         disturbance_response: Largest `|e - e_nominal|`, the effect of the residuals.
         linearization_error: Largest part of it that is not of first order; empty for noisy sensors.
-        noise: Largest effect of sensor noise on a component of each error.
-        radii: Ultimate bounds by bound of the prediction error.
+        noise_response: Largest effect of sensor noise on a component of each error.
+        ultimate_bounds: Ultimate bounds by bound of the prediction error.
         unavailable_bounds: Requested bounds that do not exist, with the reason.
         a_priori: A priori analysis.
         t: Times of `errors`, `intervals` and `bound` [s].
         errors: Observed error components, `(times, 12)`.
-        intervals: Error intervals of the best bound, for the path of the run ("run") and every run in the tube
-            ("tube").
+        intervals: Error intervals of the best bound: "a_posteriori" for the path of the run, "a_priori" for every run
+            in the tube.
         bound: A posteriori bound of e_p by the best bound, `(times,)` [m].
         worst_time: Time at which `bound` is largest [s].
         worst_direction: Direction of the largest bound, a unit vector `(3,)`; NaN if the bound is infinite.
@@ -121,8 +121,8 @@ class Certificate:
     nominal_error: Mapping[str, float]
     disturbance_response: Mapping[str, float]
     linearization_error: Mapping[str, float]
-    noise: Mapping[str, float]
-    radii: Mapping[str, UltimateBounds]
+    noise_response: Mapping[str, float]
+    ultimate_bounds: Mapping[str, UltimateBounds]
     unavailable_bounds: Mapping[str, str]
     a_priori: APrioriAnalysis
     t: Matrix
@@ -138,14 +138,14 @@ class Certificate:
         return np.linalg.norm(self.errors[:, :3], axis=1)
 
     @property
-    def exceeded(self) -> tuple[Violation, ...]:
+    def violations(self) -> tuple[Violation, ...]:
         """Observed errors above an ultimate bound."""
         return tuple(
-            Violation(error, bound, kind, self.observed[error], radius)
-            for bound, radii in self.radii.items()
-            for kind, each in (("tube", radii.a_priori), ("run", radii.a_posteriori))
-            for error, radius in each.items()
-            if self.observed[error] > radius
+            Violation(error, name, kind, self.observed[error], bound)
+            for name, bounds in self.ultimate_bounds.items()
+            for kind, each in (("a_priori", bounds.a_priori), ("a_posteriori", bounds.a_posteriori))
+            for error, bound in each.items()
+            if self.observed[error] > bound
         )
 
 
@@ -177,7 +177,7 @@ def certify(
 
     Example:
         >>> loop = nominal_run.nominal_trajectory(experiment, flight)
-        >>> certify(experiment, flight, loop).radii["energy"].a_priori["e_p"]
+        >>> certify(experiment, flight, loop).ultimate_bounds["energy"].a_priori["e_p"]
     """
     nominal_run.check_supported(experiment)
     grid = nominal_run.evaluation_grid(experiment, flight, loop)
@@ -201,7 +201,7 @@ def certify(
     center, errors = (each[loop.nodes][grid.nodes] for each in (nominal, observed_components))
     intervals = _error_intervals(center, a_priori_analysis, run)
     best = intervals.get("recovery", intervals["energy"])
-    corner = _corner(best["run"])[:, :3]
+    corner = _corner(best["a_posteriori"])[:, :3]
     sizes = np.linalg.norm(corner, axis=1)
     worst = int(np.argmax(sizes))
     direction = corner[worst] / sizes[worst] if np.isfinite(sizes[worst]) else np.full(3, np.nan)
@@ -214,8 +214,10 @@ def certify(
         linearization_error={}
         if assumptions.has_sensor_noise(experiment.world.sensors)
         else _norms(errors - center - _first_order_response(bodies, flight, loop, L)),
-        noise={error: float(a_priori_analysis.noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)},
-        radii=_ultimate_bounds(experiment, grid, a_priori_analysis, intervals),
+        noise_response={
+            error: float(a_priori_analysis.noise[:, 3 * i : 3 * i + 3].max()) for i, error in enumerate(ERRORS)
+        },
+        ultimate_bounds=_ultimate_bounds(experiment, grid, a_priori_analysis, intervals),
         unavailable_bounds={**a_priori_analysis.unavailable_bounds, **unavailable},
         a_priori=a_priori_analysis,
         t=loop.t[grid.nodes],
@@ -248,12 +250,15 @@ def max_error(records: signals.StepRecord, window: tuple[float, float]) -> tuple
 def _error_intervals(
     center: Matrix, a_priori_analysis: APrioriAnalysis, run: Mapping[str, Matrix]
 ) -> dict[str, dict[str, ErrorInterval]]:
-    """Return the error intervals of each bound, a priori ("tube") and a posteriori ("run")."""
-    margin = {"run": a_priori_analysis.noise, "tube": a_priori_analysis.noise + a_priori_analysis.path_deviation}
+    """Return the error intervals of each bound, a priori and a posteriori."""
+    margin = {
+        "a_posteriori": a_priori_analysis.noise,
+        "a_priori": a_priori_analysis.noise + a_priori_analysis.path_deviation,
+    }
     return {
         name: {
             key: _interval(center, reached + margin[key])
-            for key, reached in (("tube", a_priori_analysis.reachable_deviation[name]), ("run", along_run))
+            for key, reached in (("a_priori", a_priori_analysis.reachable_deviation[name]), ("a_posteriori", along_run))
         }
         for name, along_run in run.items()
     }
@@ -276,8 +281,8 @@ def _ultimate_bounds(
     )
     return {
         name: UltimateBounds(
-            a_posteriori=_radii(each["run"]),
-            a_priori=_radii(each["tube"]),
+            a_posteriori=_max_norms(each["a_posteriori"]),
+            a_priori=_max_norms(each["a_priori"]),
             assumptions=(
                 *confidence_bounds.describe_assumptions(
                     error_bounds.unsatisfied("recover" if name == "recovery" else name, satisfied) | tube_assumptions
@@ -299,7 +304,7 @@ def _corner(interval: ErrorInterval) -> Matrix:
     return np.where(np.abs(interval.upper) >= np.abs(interval.lower), interval.upper, interval.lower)
 
 
-def _radii(interval: ErrorInterval) -> dict[str, float]:
+def _max_norms(interval: ErrorInterval) -> dict[str, float]:
     """Return the ultimate bounds of the four errors: the largest norm of the farthest corner over time."""
     return _norms(_corner(interval))
 

@@ -60,7 +60,10 @@ def conservatism_breakdown(
     grid = nominal_run.evaluation_grid(experiment, flight, loop)
     L = linearized_trajectory.adjoint_weights(loop, loop.output_rows("e_p"), grid.nodes)
     payload_controller: Any = experiment.controller.payload_controller  # certificates require gains
-    gains, nominal = payload_controller.gains, certificate.nominal_error["e_p"] + 3**0.5 * certificate.noise["e_p"]
+    gains, nominal = (
+        payload_controller.gains,
+        certificate.nominal_error["e_p"] + 3**0.5 * certificate.noise_response["e_p"],
+    )
     unit = translation_bound.ultimate_bound(np.asarray(gains.K_p), np.asarray(gains.K_v), 1.0).e_p.bound
 
     def added(rho: Matrix) -> float:
@@ -72,14 +75,14 @@ def conservatism_breakdown(
     rho = _max_errors(experiment, flight, loop, "energy")
     together = float(np.linalg.norm(np.abs(L).sum(2) @ rho, axis=1).max()) if np.isfinite(rho).all() else float("inf")
     out = {
-        "the paper's beta, added": added(_max_errors(experiment, flight, loop, "srinivas")),
-        "energy bound, added": added(rho),
-        "energy bound, one loop for both": together + nominal,
+        "sum of norms, Srinivas bound": added(_max_errors(experiment, flight, loop, "srinivas")),
+        "sum of norms, energy bound": added(rho),
+        "linearized loop, energy bound": together + nominal,
     }
     for name in ("energy", "recovery"):
-        if name in certificate.radii:
-            out[f"{name}, a priori"] = certificate.radii[name].a_priori["e_p"]
-            out[f"{name}, a posteriori"] = certificate.radii[name].a_posteriori["e_p"]
+        if name in certificate.ultimate_bounds:
+            out[f"{name}, a priori"] = certificate.ultimate_bounds[name].a_priori["e_p"]
+            out[f"{name}, a posteriori"] = certificate.ultimate_bounds[name].a_posteriori["e_p"]
     return out | {"observed": certificate.observed["e_p"], "nominal error": certificate.nominal_error["e_p"]}
 
 

@@ -31,7 +31,7 @@ from colift import codegen
 from colift.closed_loop import flight, linearization, simulator, termination
 from colift.closed_loop.signals import StepRecord
 from colift.math.pytree import pytree
-from colift.models.state import State, flatten_agent_state, flatten_payload_state
+from colift.models.state import ResidualForces, State, flatten_agent_state, flatten_payload_state
 from colift.onboard.learning.prediction_uncertainty import ModelInterval
 from colift.runtime import signals
 
@@ -97,9 +97,9 @@ class LinearizedTrajectory:
 class _ConstantForce:
     """Residual force that is independent of the state."""
 
-    force: Any
+    force: ResidualForces
 
-    def __call__(self, _z: State) -> Any:
+    def __call__(self, _z: State) -> ResidualForces:
         """Return the force."""
         return self.force
 

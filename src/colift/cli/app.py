@@ -19,7 +19,7 @@ try:
     import typer
     from typer.core import TyperGroup
 
-    from colift.cli import certify, common, export, scenario, study, view
+    from colift.cli import certify, common, export, init, scenario, study, view
     from colift.runtime import signals
 except KeyboardInterrupt:  # `main` does not handle signals yet
     sys.exit(130)
@@ -87,7 +87,7 @@ COMMANDS = (
     ),
     (
         "init",
-        scenario.init,
+        init.init,
         SCENARIOS,
         ("colift init my_team.yaml --agents 3 --arms 1", "colift init my_team.yaml --urdf vehicle.urdf"),
     ),
@@ -107,7 +107,7 @@ COMMANDS = (
         "falsify",
         certify.falsify,
         ERROR_BOUNDS,
-        ("colift falsify certified --rounds 2", "colift falsify certified --case 'worst e_p 0'"),
+        ("colift falsify certified --rounds 2", "colift falsify certified --trial worst_case_e_p:0"),
     ),
     (
         "playback",

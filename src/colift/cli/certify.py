@@ -35,6 +35,7 @@ def certify(
             help="Also simulate the worst residual forces that RKHS norm and training data allow.",
         ),
     ] = False,
+    replace: common.ReplaceOption = False,
     quiet: common.QuietOption = False,
     as_json: common.JsonOption = False,
 ) -> None:
@@ -46,7 +47,8 @@ def certify(
     from colift.workflows import certification
 
     read = functools.partial(common.load_settings, name, overrides, duration, seed)
-    with common.open_results(read, out, "no certificate was written to") as (settings, folder):
+    results = common.results_folder(out, overrides, duration, seed)
+    with common.open_results(read, results, replace) as (settings, folder):
         try:
             with common.show_progress(f"certifying {settings.name}", quiet) as progress:
                 made = certification.certify(settings, progress=progress)
@@ -54,12 +56,12 @@ def certify(
                 summary = certification.save_certificate(settings, made, worst, folder, progress)
         except ValueError as error:
             common.fail(error)
-    with common.guard_output(f"; the results are in {folder.path}"):
+    with common.guard_output(f"; the results are in {folder.target}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_certificate(summary, folder.path)
-    if summary["exceeded"]:
+            print_certificate(summary, folder.target)
+    if summary["violations"]:
         common.exit_with(common.EXIT_VIOLATION)
 
 
@@ -77,11 +79,12 @@ def falsify(
     trials: Annotated[
         list[str] | None,
         typer.Option(
-            "--case",
-            metavar="TRIAL",
-            help="Run only this trial, such as 'worst e_p 0'; repeatable, or separated by commas.",
+            "--trial",
+            metavar="KIND:NUMBER",
+            help="Run only this trial, such as worst_case_e_p:0; repeatable, or separated by commas.",
         ),
     ] = None,
+    replace: common.ReplaceOption = False,
     quiet: common.QuietOption = False,
     as_json: common.JsonOption = False,
 ) -> None:
@@ -100,7 +103,8 @@ def falsify(
     read = functools.partial(common.load_settings, name, overrides, duration, seed)
     completed: list[FalsificationTrial] = []
     summary: Any = None
-    with common.open_results(read, out, "completed trials are in", "-falsification") as (settings, folder):
+    results = common.results_folder(out, overrides, duration, seed, suffix="-falsification")
+    with common.open_results(read, results, replace, keep_on_interrupt=True) as (settings, folder):
         requested = common.split_values(trials) if trials else falsification.trial_names(settings, rounds)
         try:
             with common.show_progress(f"falsifying the bounds of {settings.name}", quiet) as progress:
@@ -113,19 +117,22 @@ def falsify(
             common.fail(error)
     options = [word for override in overrides or () for word in ("--set", override)]
     options += [] if duration is None else ["--duration", f"{duration:g}"]
-    with common.guard_output(f"; the results are in {folder.path}"):
+    with common.guard_output(f"; the results are in {folder.target}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_falsification(completed, name, options, settings.seed, folder.path)
+            print_falsification(completed, name, options, settings.seed, folder.target)
     if any(trial.is_violated for trial in completed):
         common.exit_with(common.EXIT_VIOLATION)
 
 
 def _falsification_summary(run: str, settings: Scenario, trials: Sequence[FalsificationTrial]) -> dict[str, Any]:
     """Return the content of `FALSIFICATION_FILE`."""
+    from colift.analysis import result_files
+
     rows = [dataclasses.asdict(trial) for trial in trials]
-    return {"run": run, "scenario": settings.name, "seed": settings.seed, "version": version("colift"), "trials": rows}
+    header = {"scenario": settings.name, "seed": settings.seed, "version": version("colift")}
+    return {"schema": result_files.SCHEMA, "run": run, **header, "trials": rows}
 
 
 def print_falsification(
@@ -145,11 +152,12 @@ def print_falsification(
         if trial.message:
             print(f"{trial.name}: {trial.message}")
     for error in tables.ERROR_UNITS:
-        compared = [trial for trial in trials if error in trial.ratios]
+        compared = [trial for trial in trials if error in trial.observed_over_bound]
         if compared:
-            worst = max(compared, key=lambda trial: trial.ratios[error])
-            print(f"{error}: worst {worst.ratios[error]:.3f}, colift {_repeat_command(worst, name, options, seed)}")
-    compared = [trial for trial in trials if trial.ratios]
+            worst = max(compared, key=lambda trial: trial.observed_over_bound[error])
+            command = _repeat_command(worst, name, options, seed)
+            print(f"{error}: worst {worst.observed_over_bound[error]:.3f}, colift {command}")
+    compared = [trial for trial in trials if trial.observed_over_bound]
     violated = [trial.name for trial in trials if trial.is_violated]
     names = f": {', '.join(violated)}" if violated else ""
     print(f"{len(violated)} of {len(compared)} trials that have bounds violate one{names}")
@@ -158,12 +166,12 @@ def print_falsification(
 
 def _repeat_command(trial: FalsificationTrial, name: str, options: Sequence[str], seed: int) -> str:
     """Return the words after ``colift`` that reproduce a trial."""
-    seeds = [override for override in trial.changes if override.startswith("seed=")]
-    others = [override for override in trial.changes if override not in seeds]
+    seeds = [override for override in trial.overrides if override.startswith("seed=")]
+    others = [override for override in trial.overrides if override not in seeds]
     sets = [*options, *(word for override in others for word in ("--set", override))]
-    selection = [] if trial.changes else ["--case", trial.name]
+    selection = [] if trial.overrides else ["--trial", trial.name]
     number = seeds[0].removeprefix("seed=") if seeds else str(seed)
-    return shlex.join(["certify" if trial.changes else "falsify", name, *sets, "--seed", number, *selection])
+    return shlex.join(["certify" if trial.overrides else "falsify", name, *sets, "--seed", number, *selection])
 
 
 def print_certificate(summary: Mapping[str, Any], folder: Path) -> None:
@@ -173,18 +181,18 @@ def print_certificate(summary: Mapping[str, Any], folder: Path) -> None:
         summary: Content of ``certificate.json``.
         folder: Folder of the results.
     """
-    for line in _violations(summary["exceeded"]):
+    for line in _violations(summary["violations"]):
         common.print_error(line)
     tables.print_table(tables.certificate_table(summary), num_repeated=2)
     for line in certificate_notes(summary):
         print(line)
-    if summary["adversary"]:
-        ratio = summary["adversary"]["radius_over_adversary"]
+    if summary["adversarial_test"]:
+        ratio = summary["adversarial_test"]["bound_over_observed"]
         print(f"bound / error under the worst residual forces consistent with the data: {ratio:.3f}")
-    print("\nbound of e_p by assumption, mm:")
-    for cause, radius in summary["slack_m"].items():
-        if radius is not None:
-            print(f"  {tables.format_cell(radius, 1e3, '.3g'):>8}  {cause}")
+    print("\nbound of e_p by method, mm:")
+    for method, bound in summary["conservatism_m"].items():
+        if bound is not None:
+            print(f"  {tables.format_cell(bound, 1e3, '.3g'):>8}  {method}")
     print(f"results in {folder}")
 
 
@@ -198,24 +206,25 @@ def certificate_notes(summary: Mapping[str, Any]) -> list[str]:
         One line for each statement.
     """
     existing = [
-        bound
-        for bound, radii in summary["radii"].items()
-        if any(tables.has_radius(radii[kind]) for kind in tables.RADIUS_KIND_LABELS)
+        name
+        for name, bounds in summary["ultimate_bounds"].items()
+        if any(tables.has_bound(bounds[kind]) for kind in tables.BOUND_KIND_LABELS)
     ]
-    return [*_assumptions({bound: summary["radii"][bound]["assumed"] for bound in existing}), *_missing(summary)]
+    unproven = {name: summary["ultimate_bounds"][name]["unproven_assumptions"] for name in existing}
+    return [*_assumptions(unproven), *_missing(summary)]
 
 
-def _violations(exceeded: Sequence[Mapping[str, Any]]) -> list[str]:
+def _violations(violations: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return a line for every error of a flight that exceeds a bound, with all such bounds."""
     lines: dict[tuple[str, str], str] = {}
-    for each in exceeded:
+    for each in violations:
         scale, unit = tables.ERROR_UNITS[each["error"]]
-        run = "the adversarial run" if each["flight"] == "adversary" else "this run"
+        run = "the adversarial run" if each["run"] == "adversarial_test" else "this run"
         start = f"{each['error']} of {run} exceeds its bound: observed {each['observed'] * scale:.4g} {unit}, bound"
         line = lines.get((run, each["error"]), "")
-        kind = tables.RADIUS_KIND_LABELS[each["kind"]]
-        radius = f"{each['radius'] * scale:.4g} {unit} ({each['bound']}, {kind} run)"
-        lines[run, each["error"]] = f"{line}, {radius}" if line else f"{start} {radius}"
+        kind = tables.BOUND_KIND_LABELS[each["kind"]]
+        bound = f"{each['ultimate_bound'] * scale:.4g} {unit} ({each['prediction_bound']}, {kind} run)"
+        lines[run, each["error"]] = f"{line}, {bound}" if line else f"{start} {bound}"
     return list(lines.values())
 
 
@@ -231,8 +240,8 @@ def _assumptions(names: Mapping[str, Sequence[str]]) -> list[str]:
 
 def _missing(summary: Mapping[str, Any]) -> list[str]:
     """Return the reasons for bounds that do not exist, and the meaning of the two kinds of bounds."""
-    lines = [f"{bound}: left out, {reason}" for bound, reason in summary["left_out"].items()]
-    if summary["no_tube"]:
-        some = any(tables.has_radius(radii["run"]) for radii in summary["radii"].values())
-        return [*lines, f"no bound{' for any run' if some else ''}: {summary['no_tube']}"]
+    lines = [f"{name}: not available, {reason}" for name, reason in summary["unavailable_bounds"].items()]
+    if summary["tube_failure"]:
+        some = any(tables.has_bound(bounds["a_posteriori"]) for bounds in summary["ultimate_bounds"].values())
+        return [*lines, f"no bound{' for any run' if some else ''}: {summary['tube_failure']}"]
     return [*lines, "any run: bound a priori, before the flight; this run: bound along the simulated trajectory"]

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import contextlib
 import enum
+import hashlib
 import os
+import re
+import shutil
 import sys
+import textwrap
 import webbrowser
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
@@ -29,10 +33,12 @@ EXIT_VIOLATION = 1
 """Exit status if an observed error exceeds its certified bound."""
 EXIT_FAILED_CHECK = 1
 """Exit status if a check found a problem."""
+MAX_FOLDER_CHANGES = 80
+"""Longest description of changed settings in the name of a folder; a longer one is replaced by a digest."""
 EXIT_USAGE = 2
 """Exit status if a command line, a scenario or a folder cannot be used."""
 
-error_console = Console(stderr=True, soft_wrap=True, highlight=False)
+error_console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
 """Console for errors, warnings and progress; results are printed to standard output."""
 
 
@@ -70,6 +76,21 @@ def describe_error(error: Exception) -> str:
     if not isinstance(error, OSError) or not error.strerror:
         return str(error)
     return error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
+
+
+def print_wrapped(lines: Sequence[str], indent: int) -> None:
+    """Print lines, broken at the width of the terminal; without a terminal each line is printed whole.
+
+    Args:
+        lines: Lines of text.
+        indent: Number of spaces before continuation lines.
+    """
+    width = shutil.get_terminal_size((0, 0)).columns  # 0 if the output is no terminal and COLUMNS is not set
+    for line in lines:
+        if len(line) <= width or width <= 2 * indent:
+            print(line)
+        else:
+            print(textwrap.fill(line, width, subsequent_indent=" " * indent, break_on_hyphens=False))
 
 
 @contextlib.contextmanager
@@ -216,7 +237,14 @@ OverridesOption = Annotated[
         autocompletion=complete_setting,
     ),
 ]
-OutOption = Annotated[Path | None, typer.Option("--out", help="Folder for the results; default: out/SCENARIO.")]
+OutOption = Annotated[
+    Path | None,
+    typer.Option("--out", help="Folder for the results; default: out/SCENARIO, with the options that change it."),
+]
+ReplaceOption = Annotated[
+    bool,
+    typer.Option("--replace", help="Remove earlier results from the folder, also of another run."),
+]
 SeedOption = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of all random numbers; default: as in the scenario."),
@@ -320,6 +348,37 @@ def load_settings(
     return settings
 
 
+def results_folder(
+    out: Path | None,
+    overrides: Sequence[str] | None = None,
+    duration: float | None = None,
+    seed: int | None = None,
+    engine: Engine | None = None,
+    suffix: str = "",
+) -> Callable[[Scenario], Path]:
+    """Return a function of the settings that returns the folder for the results of a command.
+
+    Without ``--out`` its name consists of the name of the scenario and the options that change the run, so that results
+    of different runs have different folders.
+
+    Args:
+        out: Folder from the command line.
+        overrides: Settings as ``PATH=VALUE``.
+        duration: Duration of the simulated flight [s].
+        seed: Seed of all random numbers.
+        engine: Plant model.
+        suffix: Text that follows the name of the scenario, such as ``-falsification``.
+    """
+    parts = [] if seed is None else [f"seed{seed}"]
+    parts += [] if duration is None else [f"{duration:g}s"]
+    parts += [] if engine is None else [engine.value]
+    changes = "-".join([*parts, *(re.sub(r"[^\w.=+-]+", "_", override) for override in overrides or ())])
+    if len(changes) > MAX_FOLDER_CHANGES:
+        changes = hashlib.sha256(repr((*parts, *(overrides or ()))).encode()).hexdigest()[:12]
+    default = lambda settings: Path("out") / "-".join(filter(None, (f"{settings.name}{suffix}", changes)))  # noqa: E731
+    return default if out is None else lambda _settings: out
+
+
 def _with_option_names(message: str, duration: float | None) -> str:
     """Replace names of settings in an error message by the options that set them."""
     named = message.replace("--set duration_s", "--duration").replace("--set seed", "--seed")
@@ -351,7 +410,7 @@ def _shortened_learning(name: str, overrides: Sequence[str], duration: float) ->
 
 @contextlib.contextmanager
 def open_results(
-    read: Callable[[], Scenario], out: Path | None, summary: str, suffix: str = ""
+    read: Callable[[], Scenario], out: Callable[[Scenario], Path], replace: bool, keep_on_interrupt: bool = False
 ) -> Generator[tuple[Scenario, RunDirectory]]:
     """Read the settings and open their folder for results, with exclusive access within the block.
 
@@ -359,9 +418,9 @@ def open_results(
 
     Args:
         read: Function that returns the settings.
-        out: Folder for the results; by default ``out/NAME`` with the suffix.
-        summary: Text before the folder's path in the message on a request to end.
-        suffix: Suffix of the default folder's name.
+        out: Function that returns the folder for the results.
+        replace: Remove earlier results from the folder.
+        keep_on_interrupt: Keep the files that are complete after a request to end.
 
     Yields:
         The settings and the folder.
@@ -376,16 +435,17 @@ def open_results(
     signals.raise_if_interrupted()
     try:
         settings = read()
-        with open_run_directory(settings, out or Path("out") / f"{settings.name}{suffix}") as folder:
-            if run_directory.stale_files(folder, STUDY_FILES + CERTIFICATE_FILES):
-                print_status(f"{folder.path} holds results of another run: they are replaced")
+        with open_run_directory(settings, out(settings), replace, keep_on_interrupt) as folder:
+            if folder.replaced:
+                print_status(
+                    f"{folder.target} contains {folder.replaced}: they are removed when the new ones are complete"
+                )
             try:
                 yield settings, folder
             except signals.Interrupted:
-                files = run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
-                written = any(run_directory.read_run_id(file) == folder.run_id for file in files)
-                note = f"{summary} {folder.path}" if written else f"nothing was written to {folder.path}"
-                print_warning(f"interrupted; {note}")
+                kept = keep_on_interrupt and run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
+                note = "completed parts are in" if kept else "nothing was written to"
+                print_warning(f"interrupted; {note} {folder.target}")
                 raise
     except (scenario.ScenarioError, codegen.CompilerError, OSError) as error:
         fail(error)

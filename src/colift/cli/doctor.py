@@ -110,6 +110,7 @@ def _self_test(problems: list[str]) -> str:
     A = jnp.asarray(np.random.default_rng(0).normal(size=(6, 6)))
     expected, start = np.asarray(jax.jit(_sample)(A)), time.perf_counter()
     try:
+        codegen.kernel(jax.make_jaxpr(_sample)(A))  # raises an error where `compile` uses JAX instead
         found = np.asarray(jax.jit(codegen.compile(_sample))(A))
     except (codegen.UnsupportedPrimitive, build.CompilerError, OSError) as error:
         problems.append(f"native code does not work: {error}")

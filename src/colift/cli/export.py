@@ -113,10 +113,10 @@ def _export_flights(out: Path, kind: str, convert: Callable[[xr.Dataset], bytes]
     try:
         run, found = log.load_flights(out, tuple(experiment.ALL_CASES))
         files = {f"{case}.{kind}": ds for case, ds in found.items()}
-        with run_directory.lock_run_directory(out, run, tuple(files)):
+        with run_directory.stage_run_directory(out, run, tuple(files)) as folder:
             for file, ds in files.items():
                 signals.raise_if_interrupted()
-                atomic_write.write_atomic(out / file, convert(ds))
+                atomic_write.write_atomic(folder.path / file, convert(ds))
     except (ValueError, OSError) as error:
         common.fail(error)
     with common.guard_output():

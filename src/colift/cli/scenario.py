@@ -1,18 +1,20 @@
-"""Commands on scenario files: list, print-config, init, migrate, check and tune."""
+"""Commands on scenario files: list, print-config, migrate, check and tune."""
 
 from __future__ import annotations
 
 import difflib
 import json
 import os
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from colift.cli import common
-from colift.runtime import signals
+from colift.runtime import bounded_read, signals
+
+NAME_WIDTH = 16  # characters of the names in `colift list`
+SUBJECT_WIDTH = 10  # characters before the findings in `colift check`
 
 if TYPE_CHECKING:
     from colift.analysis.gain_tuning import EvaluationBudget, LoopDesign
@@ -28,7 +30,8 @@ def list_scenarios(as_json: common.JsonOption = False) -> None:
         if as_json:
             print(json.dumps(found, indent=2))
         else:
-            print("\n".join(f"{name:16} {description}" for name, description in found.items()))
+            lines = [f"{name:{NAME_WIDTH}} {description}" for name, description in found.items()]
+            common.print_wrapped(lines, NAME_WIDTH + 1)
 
 
 def print_config(
@@ -54,44 +57,15 @@ def print_config(
         print(text, end="")
 
 
-def init(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write, such as my_team.yaml.")],
-    agents: Annotated[int, typer.Option("--agents", help="Number of agents.")] = 2,
-    arms: Annotated[
-        int | None,
-        typer.Option("--arms", help="Arms of each agent: 0 (the base holds the payload itself), 1 or 2; default: 2."),
-    ] = None,
-    urdf: Annotated[
-        Path | None, typer.Option("--urdf", metavar="FILE", help="Read the agent's model from a URDF file instead.")
-    ] = None,
-) -> None:
-    """Write a commented scenario as a starting point.
-
-    No file is overwritten. Run ``colift check`` after every edit of the file.
-    """
+def require_suffix(file: Path) -> None:
+    """End the command if the name of a file is not that of a scenario."""
     from colift import scenario
-    from colift.scenario import template
 
-    try:
-        if file.suffix not in scenario.SUFFIXES:
-            common.fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
-        if urdf is not None and arms is not None:
-            common.fail(f"--arms {arms}: must be omitted with --urdf, whose file defines the arms")
-        name = template.scenario_name(file)
-        if urdf is None:
-            text = template.scenario_template(name, agents, 2 if arms is None else arms)
-        else:
-            text = template.from_urdf(name, agents, urdf, file.parent)
-        if file.exists():
-            common.fail(f"{file}: exists; it is not overwritten")
-        _write_new(file, text)
-    except (ValueError, OSError) as error:
-        common.fail(error)
-    with common.guard_output():
-        print(f"{file}: {agents} agents; next: colift check {shlex.quote(str(file))}")
+    if file.suffix not in scenario.SUFFIXES:
+        common.fail(f"{file}: must end in {' or '.join(scenario.SUFFIXES)}")
 
 
-def _write_new(file: Path, text: str) -> None:
+def write_new(file: Path, text: str) -> None:
     """Write a file that must not exist yet; fail with OSError if it exists."""
     with file.open("x", encoding="utf-8") as opened:
         opened.write(text)
@@ -153,14 +127,14 @@ def _migrated_texts(files: list[Path], out: Path | None) -> dict[Path, tuple[str
             if invalid:
                 errors.append(f"{invalid[0]}: must end in {' or '.join(scenario.SUFFIXES)}")
                 continue
-            old = file.read_text(encoding="utf-8-sig")
+            old = bounded_read.read_text(file)
             texts[file] = old, migrate_text(old)
-        except UnicodeDecodeError as error:
-            errors.append(f"{file}: is not UTF-8 text (byte {error.start})")
         except OSError as error:
             errors.append(common.describe_error(error))
         except scenario.ScenarioError as error:
             errors.append(f"{file}: {error}")
+        except ValueError as error:  # not UTF-8 text
+            errors.append(str(error))
     if errors:
         common.fail("\n".join(errors))
     return texts
@@ -208,8 +182,7 @@ def check(
         if as_json:
             print(json.dumps(found.summary, indent=2))
         else:
-            for line in found.format_report():
-                print(line)
+            common.print_wrapped(found.format_report(), SUBJECT_WIDTH)
     if not found.passed:
         common.exit_with(common.EXIT_FAILED_CHECK)
 
@@ -236,9 +209,9 @@ def tune(
         if not overrides and name in scenario.shipped_names():
             written = scenario.shipped_text(name)
         elif not overrides:
-            written = Path(name).expanduser().read_text(encoding="utf-8-sig")
+            written = bounded_read.read_text(Path(name).expanduser())
         before, after, budget, values = _search_gains(settings, written, out, quiet)
-        _write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
+        write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
     except (scenario.ScenarioError, ValueError, OSError) as error:
         common.fail(error)
     with common.guard_output():
@@ -293,7 +266,7 @@ def _search_gains(
             values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
     except signals.Interrupted:
         if best:
-            _write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
+            write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
         note = f"the best gains so far are in {out}" if best else f"nothing was written to {out}"
         common.print_warning(f"interrupted; {note}")
         raise

@@ -54,6 +54,7 @@ def study(
         ),
     ] = False,
     engine: common.EngineOption = None,
+    replace: common.ReplaceOption = False,
     quiet: common.QuietOption = False,
     as_json: common.JsonOption = False,
 ) -> None:
@@ -62,43 +63,47 @@ def study(
     The cases of the paper are C1 (no learning), C2 (payload learning) and C3 (payload and agent learning). The case
     adaptive adds online model updates and feedback correction.
 
-    Writes one NetCDF log for each case, figures as PDF and PNG, tables of length scales, and summary.json. Status 1: a
-    flight ended early.
+    Writes one NetCDF log for each case, figures as PDF and PNG, tables of length scales, and summary.json. Cases that
+    the folder already contains are kept if all settings are equal. Status 1: a flight ended early.
     """
     from colift.scenario import experiment
 
     requested = list(experiment.PAPER_CASES) if cases is None else common.parse_cases(cases)
     selected = dict.fromkeys([*requested, *(experiment.BASELINES if baselines else ())])
     read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)
-    _simulate(read, tuple(selected), out, quiet, as_json, held_out=held_out)
+    folder = common.results_folder(out, overrides, duration, seed, engine)
+    _simulate(read, tuple(selected), folder, replace, quiet, as_json, held_out=held_out)
 
 
 def run(
     name: common.ScenarioArgument,
     case: common.CaseOption = "C3",
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for the results; default: out/SCENARIO-CASE.")
+        Path | None,
+        typer.Option("--out", help="Folder for the results; default: out/SCENARIO-CASE, with the options given."),
     ] = None,
     overrides: common.OverridesOption = None,
     duration: common.DurationOption = None,
     seed: common.SeedOption = None,
     engine: common.EngineOption = None,
+    replace: common.ReplaceOption = False,
     quiet: common.QuietOption = False,
     as_json: common.JsonOption = False,
 ) -> None:
     """Simulate a scenario in one case and write the same files as ``colift study``."""
     case = common.parse_case(case)
     read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)
-    _simulate(read, (case,), out, quiet, as_json, f"-{case}")
+    folder = common.results_folder(out, overrides, duration, seed, engine, f"-{case}")
+    _simulate(read, (case,), folder, replace, quiet, as_json)
 
 
 def _simulate(
     read: Callable[[], Scenario],
     cases: tuple[str, ...],
-    out: Path | None,
+    out: Callable[[Scenario], Path],
+    replace: bool,
     quiet: bool,
     as_json: bool,
-    suffix: str = "",
     held_out: bool = False,
 ) -> None:
     """Simulate cases of a scenario, write the results and print them.
@@ -106,31 +111,31 @@ def _simulate(
     Args:
         read: Function that returns the settings.
         cases: Identifiers of the cases.
-        out: Folder for the results; by default named after the scenario and the suffix.
+        out: Function of the settings that returns the folder for the results.
+        replace: Remove earlier results from the folder.
         quiet: Print only warnings and results.
         as_json: Print the summary as JSON instead of tables.
-        suffix: Suffix of the default folder's name.
         held_out: Simulate held-out trajectories as well.
     """
     from colift.analysis import feasibility
     from colift.scenario import experiment
     from colift.workflows import generalization
 
-    with common.open_results(read, out, "completed cases are in", suffix) as (settings, folder):
+    with common.open_results(read, out, replace) as (settings, folder):
         with common.show_progress(f"preparing {settings.name}", quiet) as progress:
             experiments = experiment.make_experiments(settings, cases)
-            held_out_experiments = generalization.heldout_experiments(settings, cases) if held_out else {}
+            held_out_experiments = generalization.held_out_experiments(settings, cases) if held_out else {}
             progress("linearization at equilibrium")
             feasibility_report = feasibility.assess_feasibility(settings, experiments)
         with common.guard_output():
             print_feasibility(feasibility_report, quiet or as_json)
         summary = _run_with_progress(settings, folder, experiments, feasibility_report, held_out_experiments, quiet)
-    with common.guard_output(f"; the results are in {folder.path}"):
+    with common.guard_output(f"; the results are in {folder.target}"):
         if as_json:
             print(json.dumps(summary, indent=2))
         else:
-            print_study(summary, folder.path)
-    if any(not found["complete"] for found in summary["cases"].values()):
+            print_study(summary, folder.target)
+    if any(not summary["cases"][case]["complete"] for case in cases):
         common.exit_with(common.EXIT_INCOMPLETE)
 
 
@@ -150,7 +155,7 @@ def _run_with_progress(
     titles = {case: experiment.ALL_CASES[case] for case in experiments}
     if held_out:
         titles |= generalization.titles(titles)
-    simulate = functools.partial(run_study, settings, folder, experiments, feasibility_report, heldout=held_out)
+    simulate = functools.partial(run_study, settings, folder, experiments, feasibility_report, held_out=held_out)
     if quiet:
         return simulate()
     if not common.error_console.is_terminal:
@@ -221,9 +226,11 @@ def print_study(summary: Mapping[str, Any], folder: Path) -> None:
         if not found["complete"]:
             common.print_error(f"{case} is incomplete: {found['termination_reason']}")
     tables.print_table(tables.study_table(summary))
-    if "heldout" in summary:
+    if "held_out" in summary:
         tables.print_table(tables.held_out_table(summary))
     for case, found in summary["cases"].items():
         for text in found["warnings"]:
             common.print_warning(f"warning: {case}: {text}")
+    for text in summary.get("comparison_warnings", ()):
+        common.print_warning(f"warning: {text}")
     print(f"results in {folder}")

@@ -42,15 +42,15 @@ STUDY_METRICS = (
     Metric("ΔW", "N", "delta_W_force_rms_N", 1.0, ".2f"),
     Metric("ΔW", "N m", "delta_W_moment_rms_Nm", 1.0, ".2f"),
     Metric("e_λ", "N", "e_lam_rms_N", 1.0, ".2f"),
-    Metric("σ_L", "N", "sigma_L_force_mean", 1.0, ".2f"),
-    Metric("σ_A", "N", "sigma_A_force_mean", 1.0, ".2f"),
+    Metric("σ_L", "N", "sigma_L_force_mean_N", 1.0, ".2f"),
+    Metric("σ_A", "N", "sigma_A_force_mean_N", 1.0, ".2f"),
     Metric("λ", "max N", "lam_max_N", 1.0, ".1f"),
     Metric("u", "max N", "thrust_max_N", 1.0, ".1f"),
 )
 """Columns of the table of a study."""
 ERROR_UNITS = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}
 """Factor from SI units to the printed unit, and the printed unit, by tracking error."""
-RADIUS_KIND_LABELS = {"tube": "any", "run": "this"}
+BOUND_KIND_LABELS = {"a_priori": "any", "a_posteriori": "this"}
 """Labels of the kinds of bounds: for any run in the tube, or along the simulated run."""
 ASCII_GREEK = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
 """Greek letters spelled out."""
@@ -90,7 +90,7 @@ def held_out_table(summary: Mapping[str, Any]) -> Table:
     Returns:
         A table with one row for each case.
     """
-    found = summary["heldout"]
+    found = summary["held_out"]
     paths = list(next(iter(found.values())))
     table = Table(title="e_p, mm, final model, frozen", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for heading in ("case", "training", *paths):
@@ -125,25 +125,31 @@ def certificate_table(summary: Mapping[str, Any]) -> Table:
         table.add_column(f"{error.replace('omega', 'ω')}\n{unit}", justify="right", no_wrap=True)
     table.add_column("e_p / \nobs.", justify="right", no_wrap=True)
     table.add_column("status\n", no_wrap=True)
-    for label, key in (("observed", "observed"), ("nominal", "floor"), ("nonlinear part", "beyond_first_order")):
+    for label, key in (
+        ("observed", "observed"),
+        ("nominal", "nominal_error"),
+        ("nonlinear part", "linearization_error"),
+    ):
         if summary[key]:
             table.add_row(
                 label, "", *(_format_size(summary[key][e], scale) for e, (scale, _) in ERROR_UNITS.items()), "", ""
             )
-    exceeded = {(each["bound"], each["kind"]) for each in summary["exceeded"] if each["flight"] == "this"}
-    for bound, radii in summary["radii"].items():
-        for kind, label in RADIUS_KIND_LABELS.items():
-            if has_radius(radii[kind]):
-                status = "exceeded" if (bound, kind) in exceeded else radii["status"]
-                cells = [_format_size(radii[kind][e], scale) for e, (scale, _) in ERROR_UNITS.items()]
-                ratio = format_cell(radii["tightness"][kind]["e_p"], 1.0, ".2g")
-                table.add_row(bound, label, *cells, ratio, status)
+    exceeded = {
+        (each["prediction_bound"], each["kind"]) for each in summary["violations"] if each["run"] == "simulation"
+    }
+    for name, bounds in summary["ultimate_bounds"].items():
+        for kind, label in BOUND_KIND_LABELS.items():
+            if has_bound(bounds[kind]):
+                status = "exceeded" if (name, kind) in exceeded else bounds["status"]
+                cells = [_format_size(bounds[kind][e], scale) for e, (scale, _) in ERROR_UNITS.items()]
+                ratio = format_cell(bounds["bound_over_observed"][kind]["e_p"], 1.0, ".2g")
+                table.add_row(name, label, *cells, ratio, status)
     return table
 
 
-def has_radius(radii: Mapping[str, float | None]) -> bool:
+def has_bound(bounds: Mapping[str, float | None]) -> bool:
     """Return whether the bound of any error exists."""
-    return any(radius is not None for radius in radii.values())
+    return any(bound is not None for bound in bounds.values())
 
 
 def falsification_table(trials: Sequence[FalsificationTrial], name: str) -> Table:
@@ -162,8 +168,8 @@ def falsification_table(trials: Sequence[FalsificationTrial], name: str) -> Tabl
         table.add_column(error.replace("omega", "ω"), justify="right", no_wrap=True)
     table.add_column("out of interval", justify="right", no_wrap=True)
     for trial in trials:
-        outside = f"{trial.violations} of {trial.num_components}" if trial.ratios else ""
-        ratios = (format_cell(trial.ratios.get(error), 1.0, ".3f") for error in ERROR_UNITS)
+        outside = f"{trial.num_components_outside} of {trial.num_components}" if trial.observed_over_bound else ""
+        ratios = (format_cell(trial.observed_over_bound.get(error), 1.0, ".3f") for error in ERROR_UNITS)
         table.add_row(trial.name, *ratios, outside)
     return table
 
@@ -209,7 +215,7 @@ def print_table(table: Table, num_repeated: int = 1) -> None:
     for k, columns in enumerate(parts):
         part = _select(table, [*table.columns[:num_repeated], *columns])
         part.title = None if k else table.title
-        console = Console(width=max(width, _width(part)))
+        console = Console(width=max(width, _width(part)), emoji=False, markup=False)
         with console.capture() as captured:  # rich would end the process if the pipe is closed
             console.print(part)
         print(captured.get(), end="", flush=True)
@@ -237,5 +243,5 @@ def _replace_unencodable(text: str, encoding: str) -> str:
 
 def _width(table: Table) -> int:
     """Return the width of a table on a terminal of sufficient width."""
-    console = Console(width=10_000)
+    console = Console(width=10_000, emoji=False, markup=False)
     return console.measure(table).maximum

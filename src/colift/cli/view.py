@@ -43,7 +43,7 @@ def playback(
 ) -> None:
     """Write an interactive page that plays back the flights of a study.
 
-    The page is OUT/view.html and requires no network (docs/playback.md).
+    The page is OUT/playback.html and requires no network (docs/playback.md).
     """
     from colift.scenario import experiment
     from colift.visualization import playback

@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Generic
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ import numpy as np
 
 from colift.closed_loop import termination
 from colift.closed_loop.signals import DERIVED_SIGNALS, StepRecord, delassus_matrix, model_inputs
-from colift.closed_loop.simulator import LoopConfig, LoopState, monitored_values, reset, rollout
+from colift.closed_loop.simulator import LoopConfig, LoopState, WorldT, monitored_values, reset, rollout
 from colift.models import grasp
 from colift.models.state import State
 from colift.onboard.controller import LeaderFollowerController
@@ -35,11 +35,14 @@ from colift.onboard.learning.online_learner import (
 )
 from colift.onboard.learning.prediction_uncertainty import LabelBiasModel, ModelInterval, PredictionUncertainty
 from colift.runtime import signals
+from colift.simulation.world import World
 
 
 @dataclasses.dataclass(frozen=True)
-class Experiment:
+class Experiment(Generic[WorldT]):
     """Complete definition of one simulated flight.
+
+    Any `World` may be used; without a parameter the type has the `SimulatedWorld` of `make_experiment`.
 
     Attributes:
         world: Simulated world.
@@ -60,7 +63,7 @@ class Experiment:
             machine.
     """
 
-    world: Any  # with the methods of `World`; the components depend on the class
+    world: WorldT
     controller: LeaderFollowerController
     agent_names: tuple[str, ...]
     termination_limits: termination.TerminationLimits
@@ -77,7 +80,7 @@ class Experiment:
     fit_latency: float | None = 0.0
 
     @property
-    def loop_config(self) -> LoopConfig:
+    def loop_config(self) -> LoopConfig[WorldT]:
         """Constant data of the closed loop before the first model update."""
         return LoopConfig(
             world=self.world,
@@ -124,13 +127,13 @@ CHUNK_DURATION = 0.5  # s, simulated time between two reports of progress
 UNCERTAINTY_PERIOD = 0.02  # s, between two evaluations of the uncertainty; at least one control period
 
 
-def ticks_per_chunk(experiment: Experiment) -> int:
+def ticks_per_chunk(experiment: Experiment[World]) -> int:
     """Return the number of control periods in one chunk, for which the noise is drawn at once."""
     return max(1, round(CHUNK_DURATION / experiment.dt))
 
 
 def run_experiment(
-    experiment: Experiment,
+    experiment: Experiment[World],
     progress: Callable[[float], None] = lambda _t: None,
     on_chunk: Callable[[StepRecord], None] = lambda _rows: None,
 ) -> FlightResult:
@@ -193,7 +196,7 @@ def run_experiment(
         updates=tuple(model_updates.activated),
         termination_reason=termination_reason,
         model_intervals=tuple(model_updates.intervals),
-        wall_time=wall_time | {"radii": time.perf_counter() - start_time},
+        wall_time=wall_time | {"error_bounds": time.perf_counter() - start_time},
         learning_warnings=model_updates.warnings(),
     )
 
@@ -201,7 +204,7 @@ def run_experiment(
 class _ModelUpdates:
     """Schedule of the model updates of one flight, the model in use and the update that is not yet active."""
 
-    def __init__(self, experiment: Experiment) -> None:
+    def __init__(self, experiment: Experiment[World]) -> None:
         """Start with the initial residual model of the controller."""
         self.experiment = experiment
         self.learner = OnlineLearner(experiment.fit_options, experiment.identification, experiment.online_updates)
@@ -274,7 +277,7 @@ class _ModelUpdates:
 _draw_noise = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_argnums=2)
 
 
-def _update_ticks(experiment: Experiment) -> dict[int, bool]:
+def _update_ticks(experiment: Experiment[World]) -> dict[int, bool]:
     """Return the ticks of all updates in ascending order, and whether hyperparameters are fitted there."""
     fits = {round(t / experiment.dt) for t in experiment.update_times if t < experiment.duration}
     online_times = () if experiment.online_updates is None else experiment.online_updates.times
@@ -283,7 +286,7 @@ def _update_ticks(experiment: Experiment) -> dict[int, bool]:
 
 
 def _evaluate_uncertainty(
-    experiment: Experiment, model_intervals: Sequence[ModelInterval], rows: StepRecord
+    experiment: Experiment[World], model_intervals: Sequence[ModelInterval], rows: StepRecord
 ) -> PredictionUncertainty:
     """Evaluate standard deviations and error bounds at the true states of a flight, at a lower rate."""
     stride = max(1, round(UNCERTAINTY_PERIOD / experiment.dt))
@@ -296,7 +299,7 @@ def _evaluate_uncertainty(
     )
 
 
-def _termination_reason(experiment: Experiment, rows: StepRecord, loop: LoopState) -> str:
+def _termination_reason(experiment: Experiment[World], rows: StepRecord, loop: LoopState) -> str:
     """Describe the reason for the end of a flight.
 
     A signal that is not finite is named first, in the order of cause and effect. Otherwise the message contains the
@@ -327,7 +330,7 @@ def _termination_reason(experiment: Experiment, rows: StepRecord, loop: LoopStat
         )
         return (
             f"the grasp of agent {experiment.agent_names[most_singular]} is near singular at t = {t:.3f} s: "
-            f"{value:.3g} < {float(limits.min_delassus[most_singular]):.3g} 1/kg (termination.min_grasp_ratio); {arms}"
+            f"{value:.3g} < {float(limits.min_delassus[most_singular]):.3g} 1/kg (limit min_delassus); {arms}"
         )
     saturated = jnp.concatenate(loop.saturated_ticks).astype(float) * experiment.dt
     values = monitored_values(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), saturated)

@@ -1,6 +1,11 @@
-"""Logs of flights as labelled NetCDF: every signal with dimensions, unit, frame and description.
+"""Logs of flights as labelled NetCDF: every variable with dimensions, unit, frame and description.
 
 `dataset` builds an xarray dataset from the records of a flight. `save` and `load` use NetCDF-4, `to_csv` exports text.
+Each variable has one unit; `stack_parts` and `all_joints` return wrenches and joint signals on one axis.
+
+See Also:
+    colift.closed_loop.log_signals: all variables with units and frames.
+    colift.closed_loop.log_upgrade: logs of older schemas.
 """
 
 from __future__ import annotations
@@ -9,196 +14,27 @@ import csv
 import dataclasses
 import io
 import itertools
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from colift.closed_loop import log_signals, log_upgrade, pose_signals
+from colift.closed_loop.log_signals import all_joints as all_joints
+from colift.closed_loop.log_signals import stack_parts as stack_parts
+from colift.closed_loop.log_upgrade import SCHEMA
 from colift.closed_loop.signals import StepRecord
+from colift.models.parameters import Team
 from colift.onboard.learning.prediction_uncertainty import PredictionUncertainty
 from colift.runtime import atomic_write
-
-SCHEMA = 2
-"""Schema of the logs that `save` writes; `load` renames the variables and attributes of schema 1."""
-VARIABLES_OF_SCHEMA_1 = {
-    "x_dot": "v_agent",
-    "saturated": "thrust_saturated",
-    "singular": "min_delassus_singular_value",
-    "r_L": "innovation_L",
-    "r_x": "innovation_x",
-    "trust_L": "model_gain_L",
-    "trust_x": "model_gain_x",
-    "late_L": "delay_error_L",
-    "late_x": "delay_error_x",
-    "left_L": "correction_error_L",
-    "left_x": "correction_error_x",
-    "fresh": "correction_weight",
-    "comes": "labels_available",
-    **{f"bias_f_{output}": f"label_bias_std_f_{output}" for output in "Lxwr"},
-    **{f"deviation_f_{output}": f"predictive_std_f_{output}" for output in "Lxwr"},
-}
-ATTRIBUTES_OF_SCHEMA_1 = {
-    "stopped": "termination_reason",
-    "unused": "learning_warnings",
-    "world_changed": "change_points",
-    "fitted_anew": "refits",
-    "update_ready_s": "update_activation_s",
-    "update_points_payload": "num_samples_payload",
-    "update_points_agents": "num_samples_agents",
-    "rho_assumed": "bound_assumptions",
-}
-
-
-class SignalSpec(NamedTuple):
-    """Metadata of a logged signal; `dims` follow the time dimension."""
-
-    dims: tuple[str, ...]
-    units: str
-    frame: str
-    long_name: str
-
-
-AXES = ("x", "y", "z")
-WRENCH = ("F_x", "F_y", "F_z", "tau_x", "tau_y", "tau_z")
-ACCELERATION = ("v_dot_x", "v_dot_y", "v_dot_z", "omega_dot_x", "omega_dot_y", "omega_dot_z")
-
-ROTATION_DIMS = ("axis", "body_axis")
-LOAD, AGENT, JOINT, CONTACT, FORCE = ("axis",), ("agent",), ("joint",), ("contact", "axis"), ("wrench",)
-AGENT_VECTOR_DIMS = ("agent", "axis")
-NEWTON, ANGLE, TORQUE = "N (F), N m (tau)", "rad (prismatic joints: m)", "N m (prismatic joints: N)"
-RATE = "rad/s (prismatic joints: m/s)"
-WRENCH_FRAMES = "world (F), payload (tau)"
-
-SIGNALS = {
-    "p": SignalSpec(LOAD, "m", "world", "payload position p_L"),
-    "v": SignalSpec(LOAD, "m/s", "world", "payload velocity v_L"),
-    "R_L": SignalSpec(ROTATION_DIMS, "1", "payload to world", "payload attitude R_L"),
-    "omega_L": SignalSpec(LOAD, "rad/s", "payload", "payload angular velocity omega_L"),
-    "a_L": SignalSpec(
-        ("acceleration",),
-        "m/s^2 (v_dot), rad/s^2 (omega_dot)",
-        "world (v_dot), payload (omega_dot)",
-        "payload acceleration (dv_L/dt, domega_L/dt)",
-    ),
-    "p_d": SignalSpec(LOAD, "m", "world", "reference position p_L,d"),
-    "e_p": SignalSpec(LOAD, "m", "world", "position error e_p = p_L - p_L,d"),
-    "e_v": SignalSpec(LOAD, "m/s", "world", "velocity error e_v"),
-    "e_R": SignalSpec(LOAD, "1", "payload", "attitude error e_R"),
-    "e_omega": SignalSpec(LOAD, "rad/s", "payload", "angular velocity error e_omega"),
-    "Psi": SignalSpec((), "1", "none", "attitude error function Psi = tr(I - R_d^T R_L)/2"),
-    "R": SignalSpec(("agent", *ROTATION_DIMS), "1", "base to world", "base attitude R_j"),
-    "x": SignalSpec(AGENT_VECTOR_DIMS, "m", "world", "centre of mass of an agent x_j"),
-    "omega": SignalSpec(AGENT_VECTOR_DIMS, "rad/s", "base", "base angular velocity omega_j"),
-    "v_agent": SignalSpec(AGENT_VECTOR_DIMS, "m/s", "world", "velocity of the centre of mass dx_j/dt"),
-    "r": SignalSpec(JOINT, ANGLE, "joint", "joint position r"),
-    "r_dot": SignalSpec(JOINT, RATE, "joint", "joint rate dr/dt"),
-    "u": SignalSpec(AGENT, "N", "along the base's z axis", "thrust u_j, as applied"),
-    "tau": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "body torque tau_j, as applied"),
-    "tau_r": SignalSpec(JOINT, TORQUE, "joint", "joint torque tau_r, as applied"),
-    "thrust_saturated": SignalSpec(AGENT, "1", "none", "1 if the thrust is at its limit, otherwise 0"),
-    "lam": SignalSpec(CONTACT, "N", "world", "contact force on the payload lambda_app"),
-    "lam_cmd": SignalSpec(CONTACT, "N", "world", "commanded contact force lambda_cmd"),
-    "lam_hat": SignalSpec(CONTACT, "N", "world", "estimated contact force lambda_hat"),
-    "R_L_hat": SignalSpec(
-        ROTATION_DIMS, "1", "payload to world", "estimated payload attitude, used by the force allocation"
-    ),
-    "W_d": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "desired payload wrench W_d"),
-    "delta_W": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "wrench mismatch Delta W = G lambda_app - W_d"),
-    "eta": SignalSpec(("eta_index",), "N", "coordinates in the kernel of G", "internal-force input eta"),
-    "f_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "payload residual of the nominal model f_uk,L, exact"),
-    "f_L_hat": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "payload residual f_uk,L, predicted"),
-    "f_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "agent residual f_x, exact"),
-    "f_w": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "agent residual f_omega, exact"),
-    "f_r": SignalSpec(JOINT, TORQUE, "joint", "agent residual f_r, exact"),
-    "f_x_hat": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "agent residual f_x, predicted"),
-    "f_w_hat": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "agent residual f_omega, predicted"),
-    "f_r_hat": SignalSpec(JOINT, TORQUE, "joint", "agent residual f_r, predicted"),
-    "Phi": SignalSpec((), "m", "none", "largest constraint violation |Phi|"),
-    "Phi_dot": SignalSpec((), "m/s", "none", "largest constraint rate |dPhi/dt|"),
-    "min_delassus_singular_value": SignalSpec(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
-    "innovation_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "innovation of the payload residual, as applied"),
-    "innovation_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "innovation of the agent residual f_x, as applied"),
-    "model_gain_L": SignalSpec(
-        FORCE, "1 (F), 1 (tau)", WRENCH_FRAMES, "gain of changes of the payload residual model, in [0, 1]"
-    ),
-    "model_gain_x": SignalSpec(AGENT_VECTOR_DIMS, "1", "world", "gain of changes of the f_x residual model, in [0, 1]"),
-    "delay_error_L": SignalSpec(FORCE, NEWTON, WRENCH_FRAMES, "RMS error of the payload labels due to their delay"),
-    "delay_error_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "RMS error of the f_x labels due to their delay"),
-    "correction_error_L": SignalSpec(
-        FORCE, NEWTON, WRENCH_FRAMES, "RMS error of the corrected payload prediction without labels"
-    ),
-    "correction_error_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "RMS error of the corrected f_x prediction without labels"
-    ),
-    "correction_weight": SignalSpec((), "1", "none", "weight of the current innovation; 0: decayed to its mean"),
-    "labels_available": SignalSpec((), "1", "none", "1 while labels are available, otherwise 0"),
-}
-"""Signals of `StepRecord` except the time; the last ten exist for controllers with an innovation filter."""
-
-UNCERTAINTY_SIGNALS = {
-    "sigma_f_L": SignalSpec(
-        FORCE, NEWTON, WRENCH_FRAMES, "posterior standard deviation of the payload residual f_uk,L"
-    ),
-    "sigma_f_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "posterior standard deviation of the agent residual f_x"),
-    "sigma_f_w": SignalSpec(
-        AGENT_VECTOR_DIMS, "N m", "base", "posterior standard deviation of the agent residual f_omega"
-    ),
-    "sigma_f_r": SignalSpec(JOINT, TORQUE, "joint", "posterior standard deviation of the agent residual f_r"),
-    "sigma_L": SignalSpec((), NEWTON, "none", "sigma_L = |Sigma_L^(1/2)|, Frobenius norm over forces and moments"),
-    "sigma_L_force": SignalSpec((), "N", "none", "force part of sigma_L"),
-    "sigma_L_moment": SignalSpec((), "N m", "none", "moment part of sigma_L"),
-    "sigma_A": SignalSpec((), NEWTON, "none", "sigma_A = sum_j |Sigma_j^(1/2)|, Frobenius norm over all outputs"),
-    "sigma_A_force": SignalSpec((), "N", "none", "sum over agents of the norm of the f_x part of sigma_A"),
-    "sigma_A_moment": SignalSpec(
-        (), TORQUE, "none", "sum over agents of the norm of the (f_omega, f_r) part of sigma_A"
-    ),
-    "label_bias_std_f_L": SignalSpec(
-        FORCE, NEWTON, WRENCH_FRAMES, "standard deviation of the label bias of f_uk,L, from data sheets"
-    ),
-    "label_bias_std_f_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the label bias of f_x, from data sheets"
-    ),
-    "label_bias_std_f_w": SignalSpec(
-        AGENT_VECTOR_DIMS, "N m", "base", "standard deviation of the label bias of f_omega, from data sheets"
-    ),
-    "label_bias_std_f_r": SignalSpec(
-        JOINT, TORQUE, "joint", "standard deviation of the label bias of f_r, from data sheets"
-    ),
-    "predictive_std_f_L": SignalSpec(
-        FORCE, NEWTON, WRENCH_FRAMES, "predictive standard deviation of the payload residual f_uk,L"
-    ),
-    "predictive_std_f_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "predictive standard deviation of the agent residual f_x"
-    ),
-    "rho_f_L": SignalSpec(
-        FORCE, NEWTON, WRENCH_FRAMES, "error bound of the predicted payload residual f_uk,L, by output"
-    ),
-    "rho_f_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "error bound of the predicted agent residual f_x, by output"
-    ),
-    "rho_f_w": SignalSpec(
-        AGENT_VECTOR_DIMS, "N m", "base", "error bound of the predicted agent residual f_omega, by output"
-    ),
-    "rho_f_r": SignalSpec(JOINT, TORQUE, "joint", "error bound of the predicted agent residual f_r, by output"),
-    "rho_bar_L": SignalSpec((), NEWTON, "none", "rho_bar_L, bound of |f_uk,L - f_hat_L|, norm over forces and moments"),
-    "rho_bar_L_force": SignalSpec((), "N", "none", "force part of rho_bar_L"),
-    "rho_bar_L_moment": SignalSpec((), "N m", "none", "moment part of rho_bar_L"),
-    "rho_bar_j": SignalSpec(AGENT, NEWTON, "none", "rho_bar_j, bound of |f_uk,j - f_hat_j|, norm over all outputs"),
-    "rho_bar_j_force": SignalSpec(AGENT, "N", "none", "f_x part of rho_bar_j"),
-    "rho_bar_j_moment": SignalSpec(AGENT, TORQUE, "none", "(f_omega, f_r) part of rho_bar_j"),
-}
-"""Uncertainty signals on the coarser axis `time_sigma`: posterior, label bias, predictive and error bounds.
-
-Error bounds are infinite where data contradict the assumptions of the bound.
-"""
 
 
 def dataset(
     rows: StepRecord,
     *,
+    team: Team,
     agents: Sequence[str],
     joints: Sequence[str],
     contacts: Sequence[str],
@@ -207,11 +43,13 @@ def dataset(
 ) -> xr.Dataset:
     """Build the labelled dataset of a flight.
 
-    Wrenches contain force [N, world] and moment [N m, payload frame] on one axis; their `units` and `frame` name both.
-    xarray raises a ValueError if the number of names differs from the shape of a signal.
+    Wrenches are split into force [N, world] and moment [N m, payload frame]. Joint signals are split into revolute and
+    prismatic joints; variables of a type of joint that the team lacks are absent. Quaternions and base positions are
+    computed from the records. xarray raises a ValueError if the number of names differs from the shape of a signal.
 
     Args:
         rows: Records of the flight.
+        team: True parameters of the team.
         agents: Agent names in team order.
         joints: Joint names `agent/joint` in team order.
         contacts: Contact names `agent/arm` in team order.
@@ -220,47 +58,55 @@ def dataset(
 
     Returns:
         The dataset, in which `ds.lam.sel(contact="front/left", axis="z")` selects one component. Its global attributes
-        include `Conventions`, `title` and `history` of the CF conventions.
+        include `Conventions`, `title`, `source` and `history` of the CF conventions.
+
+    Raises:
+        ValueError: If the number of joint names differs from the number of joints of the team.
     """
-    names = {"agent": agents, "joint": joints, "contact": contacts, "axis": AXES, "body_axis": AXES}
-    names |= {"wrench": WRENCH, "acceleration": ACCELERATION}
-    all_fields = [field.name for field in dataclasses.fields(rows) if field.name != "t"]
-    fields = [name for name in all_fields if getattr(rows, name) is not None]
-    variables = {name: _variable("time", SIGNALS[name], getattr(rows, name)) for name in fields}
-    variables |= {
-        name: _variable("time_sigma", UNCERTAINTY_SIGNALS[name], x)
-        for name, x in _uncertainty_signals(rows, sigma).items()
-    }
-    coordinates = {name: (name, np.asarray(labels, dtype=object)) for name, labels in names.items()}
-    times = {"time": (rows.t, "time"), "time_sigma": (sigma.t, "time of uncertainty signals")}
-    time_coordinates = {
-        dim: (dim, np.asarray(t), {"units": "s", "long_name": name}) for dim, (t, name) in times.items()
-    }
+    prismatic = prismatic_joints(team)
+    if len(joints) != len(prismatic):
+        raise ValueError(f"{len(joints)} joint names for a team of {len(prismatic)} joints")
+    fields = [field.name for field in dataclasses.fields(rows) if field.name != "t"]
+    records = {name: np.asarray(getattr(rows, name)) for name in fields if getattr(rows, name) is not None}
+    poses = {"p_base": pose_signals.base_positions(team, records["R"], records["x"], records["r"])}
+    poses |= {q: pose_signals.continuous_quaternions(records[R]) for q, R in log_signals.QUATERNIONS.items()}
+    variables = log_signals.variables("time", records | poses, prismatic)
+    variables |= log_signals.variables("time_sigma", _uncertainty_signals(rows, sigma), prismatic)
+    coordinates = log_signals.label_coordinates({"agent": agents, "contact": contacts})
+    coordinates |= log_signals.joint_coordinates(np.asarray(joints, dtype=object), prismatic)
+    times = {"time": np.asarray(rows.t), "time_sigma": sigma.t}
+    coordinates |= {dim: log_signals.time_coordinate(dim, t) for dim, t in times.items()}
     global_attrs = _cf_attributes(attrs) | {
         name: value if isinstance(value, str) else np.asarray(value) for name, value in attrs.items()
     }
-    return xr.Dataset(variables, coordinates | time_coordinates, global_attrs)
+    return xr.Dataset(variables, coordinates, global_attrs)
+
+
+def prismatic_joints(team: Team) -> np.ndarray:
+    """Return for each joint of a team whether it is prismatic, in team order.
+
+    Args:
+        team: Parameters of the team.
+    """
+    flags = [group.tree.prismatic * size for size, group in zip(team.sizes, team.agent_groups, strict=True)]
+    return np.array(list(itertools.chain(*flags)), dtype=bool)
 
 
 def _cf_attributes(attrs: Mapping[str, Any]) -> dict[str, Any]:
     """Return the global attributes of the CF conventions."""
     subject = ", ".join(f"{name} {attrs[name]}" for name in ("scenario", "case") if attrs.get(name))
+    program = f"colift {attrs.get('version', '')}".strip()
     return {
         "Conventions": "CF-1.11",
         "schema": SCHEMA,
         "title": f"Simulated flight{': ' + subject if subject else ''}",
-        "history": f"created by colift {attrs.get('version', '')}".strip(),
+        "source": f"numerical simulation with {program}",
+        "history": f"created by {program}",
     }
 
 
-def _variable(time: str, spec: SignalSpec, values: object) -> xr.Variable:
-    """Create a variable with unit, frame and description."""
-    attrs = {"units": spec.units, "frame": spec.frame, "long_name": spec.long_name}
-    return xr.Variable((time, *spec.dims), np.asarray(values), attrs)
-
-
 def _uncertainty_signals(rows: StepRecord, sigma: PredictionUncertainty) -> dict[str, np.ndarray]:
-    """Return all uncertainty signals by name."""
+    """Return all uncertainty signals by name, with all outputs of a body or joints of the team on one axis."""
     payload, force = predictive_std(rows, sigma)
     return {
         "predictive_std_f_L": payload,
@@ -329,7 +175,7 @@ def uncertainty_norms(sigma: PredictionUncertainty) -> dict[str, np.ndarray]:
 
     The norms are `sigma_L = |Sigma_L^(1/2)|`, `sigma_A = sum_j |Sigma_j^(1/2)|`, `rho_bar_L` and `rho_bar_j`, where
     `rho_bar = |(rho_1, ..., rho_m)|` of a body (ass:oracle_bound). The total norms add newtons and newton meters, as in
-    the paper; the parts have one unit each.
+    the paper; their unit is N, with moments divided by 1 m.
 
     Args:
         sigma: Standard deviations and error bounds along the flight.
@@ -363,7 +209,7 @@ def save(ds: xr.Dataset, path: str | Path) -> None:
 
 
 def load(path: str | Path) -> xr.Dataset:
-    """Read a file written by `save` into memory, without loss.
+    """Read a file written by `save` into memory, without loss. A log of an older schema is upgraded.
 
     Args:
         path: Path of an existing file.
@@ -372,23 +218,17 @@ def load(path: str | Path) -> xr.Dataset:
         The dataset.
 
     Raises:
-        ValueError: If the file is not NetCDF-4.
+        ValueError: If the file is not NetCDF-4, or was written by a later version with another schema.
     """
     content = Path(path).read_bytes()
     try:
-        return _upgrade(xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False))
+        ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
     except (OSError, ValueError) as error:
         raise ValueError(f"{path}: not a NetCDF-4 file") from error
-
-
-def _upgrade(ds: xr.Dataset) -> xr.Dataset:
-    """Rename variables and attributes of a log of schema 1; a log of schema 2 is returned as it is."""
-    if int(ds.attrs.get("schema", 1)) >= SCHEMA:
-        return ds
-    renamed = ds.rename({old: new for old, new in VARIABLES_OF_SCHEMA_1.items() if old in ds})
-    renamed.attrs = {ATTRIBUTES_OF_SCHEMA_1.get(name, name): value for name, value in ds.attrs.items()}
-    renamed.attrs["schema"] = SCHEMA
-    return renamed
+    try:
+        return log_upgrade.upgrade(ds)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def update_times(ds: xr.Dataset) -> tuple[list[float], float | None]:
@@ -462,15 +302,4 @@ def _columns(ds: xr.Dataset, time: str) -> Iterator[tuple[str, np.ndarray]]:
             )
             flat = x.values.reshape(ds.sizes[time], -1).astype(float)
             for label, column in zip(labels, flat.T, strict=True):
-                yield (
-                    f"{' '.join((str(name), *label))} [{_unit(x.attrs['units'], label)}]",
-                    column,
-                )
-
-
-def _unit(units: str, label: Sequence[str]) -> str:
-    """Return the unit of one component; the component label selects one of `N (F), N m (tau)`."""
-    for unit, part in re.findall(r"([^,()]+) \((\w+)\)", units):
-        if any(name.startswith(f"{part}_") for name in label):
-            return unit.strip()
-    return units
+                yield f"{' '.join((str(name), *label))} [{x.attrs['units']}]", column

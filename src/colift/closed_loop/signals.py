@@ -1,7 +1,7 @@
 """Signals of one tick for the log: true state, inputs, errors, contact forces and residuals.
 
 See Also:
-    colift.closed_loop.log: names, units and frames of the signals.
+    colift.closed_loop.log_signals: names, units and frames of the signals in the log.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ Scalar = Float[Array, ""]
 class StepRecord:
     """Logged signals of one tick; agents, joints and contacts of all groups are concatenated.
 
-    `colift.closed_loop.log.SIGNALS` defines unit, frame and meaning of each field. The last ten fields are None unless
-    the controller has an innovation filter.
+    `colift.closed_loop.log_signals` defines unit, frame and meaning of each field. A wrench, and the payload
+    acceleration `a_L`, are one field of six numbers; the log splits them. The last ten fields are None unless the
+    controller has an innovation filter.
     """
 
     t: Float[Array, "*time"]

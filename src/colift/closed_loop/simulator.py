@@ -10,31 +10,34 @@ See Also:
 from __future__ import annotations
 
 import functools
-import logging
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Generic
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
+from typing_extensions import TypeVar
 
 from colift import codegen
 from colift.closed_loop import termination
 from colift.closed_loop.signals import StepRecord, make_record
 from colift.math.pytree import pytree
 from colift.models.state import ControlClock, State
+from colift.onboard.controller import LeaderFollowerController
+from colift.onboard.interfaces import Controller, PartState
+from colift.simulation.world import SimulatedWorld, World
 
+WorldT = TypeVar("WorldT", bound=World, covariant=True, default=SimulatedWorld)
+ControllerT = TypeVar("ControllerT", bound=Controller, covariant=True, default=LeaderFollowerController)
 Scalar = Float[Array, ""]
-
-log = logging.getLogger(__name__)
 
 
 @pytree
 class LoopState:
     """State of world and controller between ticks."""
 
-    world: Any  # state of the world; its type depends on the world
-    controller: Any  # state of the controller; its type depends on the controller
+    world: PartState
+    controller: PartState
     tick: Int[Array, ""]
     saturated_ticks: tuple[
         Int[Array, "agents"], ...
@@ -43,16 +46,19 @@ class LoopState:
 
 
 @pytree
-class LoopConfig:
-    """Constant data of a closed loop: world, controller, termination limits and period."""
+class LoopConfig(Generic[WorldT, ControllerT]):
+    """Constant data of a closed loop: world, controller, termination limits and period.
 
-    world: Any  # with the methods of `World`; the components depend on the class
-    controller: Any  # with the methods of `Controller`; the parts depend on the class
+    Any `World` and any `Controller` may be used; without parameters the type has those of `make_experiment`.
+    """
+
+    world: WorldT
+    controller: ControllerT
     termination_limits: termination.TerminationLimits
     dt: Scalar  # s, control period
 
 
-def reset(setup: LoopConfig, state: State) -> LoopState:
+def reset(setup: LoopConfig[World, Controller], state: State) -> LoopState:
     """Return the loop state before the first tick.
 
     The command before the first tick is the one that the controller computes from the noise-free measurement at rest.
@@ -67,7 +73,7 @@ def reset(setup: LoopConfig, state: State) -> LoopState:
     return _program(_reset, setup, state)(setup, state)
 
 
-def _reset(setup: LoopConfig, state: State) -> LoopState:
+def _reset(setup: LoopConfig[World, Controller], state: State) -> LoopState:
     """Compute `reset`; compiled by `_program`."""
     command, controller_state = setup.controller.init(
         setup.world.measure_at_rest(state), ControlClock(t=jnp.zeros(()), dt=setup.dt)
@@ -81,7 +87,7 @@ def _reset(setup: LoopConfig, state: State) -> LoopState:
     )
 
 
-def step(setup: LoopConfig, loop: LoopState, noise: Any) -> tuple[LoopState, StepRecord]:
+def step(setup: LoopConfig[World, Controller], loop: LoopState, noise: Any) -> tuple[LoopState, StepRecord]:
     """Simulate one control period: measure, compute the commands, advance the world, record.
 
     Args:
@@ -146,7 +152,9 @@ def _finite(tree: object) -> Bool[Array, ""]:
     return jnp.stack([jnp.isfinite(x).all() for x in jax.tree.leaves(tree)]).all()
 
 
-def rollout(setup: LoopConfig, loop: LoopState, noise: Any, ticks: Int[Array, ""]) -> tuple[LoopState, StepRecord]:
+def rollout(
+    setup: LoopConfig[World, Controller], loop: LoopState, noise: Any, ticks: Int[Array, ""]
+) -> tuple[LoopState, StepRecord]:
     """Simulate up to `ticks` control periods; stop after the tick at which a limit is exceeded.
 
     The number of ticks is data rather than shape, so that rollouts of any length share one compiled program.
@@ -184,17 +192,14 @@ def _program(f: Callable[..., Any], *templates: Any) -> Callable[..., Any]:
 
 @functools.cache
 def _compiled(f: Callable[..., Any], structure: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
-    """Compile a function to C, or with JAX if a component has no native code."""
-    compiled = jax.jit(codegen.compile(f))
-    try:
-        compiled.lower(*jax.tree.unflatten(structure, types))
-    except codegen.UnsupportedPrimitive as error:
-        log.info("simulation runs in JAX, several times slower than generated C: %s", error)
-        return jax.jit(f)
-    return compiled
+    """Compile a function for arguments of the given structure and types."""
+    del structure, types  # parts of the key
+    return jax.jit(codegen.compile(f))
 
 
-def _advance(setup: LoopConfig, loop: LoopState, noise: Any, ticks: Int[Array, ""]) -> tuple[LoopState, StepRecord]:
+def _advance(
+    setup: LoopConfig[World, Controller], loop: LoopState, noise: Any, ticks: Int[Array, ""]
+) -> tuple[LoopState, StepRecord]:
     """Simulate up to `ticks` periods; see `rollout`."""
     capacity, noise_at = jax.tree.leaves(noise)[0].shape[0], lambda i: jax.tree.map(lambda x: x[i], noise)
     traced_step = jax.jit(step)  # traced once for both the shapes of the records and the loop

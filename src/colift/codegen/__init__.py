@@ -27,19 +27,28 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 import jax
-import jax.core
 import jax.ffi
 import numpy as np
-from jax.extend import core
-from jax.interpreters import ad, batching, mlir, partial_eval
 
-from colift.codegen import build, elementwise, emit, indexing, linalg, liveness, loops, reduction, shape_rules
+from colift.codegen import (
+    build,
+    elementwise,
+    emit,
+    indexing,
+    jax_internals,
+    linalg,
+    liveness,
+    loops,
+    reduction,
+    shape_rules,
+)
 from colift.codegen.blocks import Function
 from colift.codegen.build import CompilerError
 from colift.codegen.equations import batch_axes, evaluate_with_jax
 from colift.codegen.fingerprint import jaxpr_digest
 from colift.codegen.graph import Graph
-from colift.codegen.interpret import UnsupportedPrimitive, interpret
+from colift.codegen.interpret import interpret
+from colift.codegen.jax_internals import Program, UnsupportedPrimitive
 from colift.codegen.layout import FunctionLayout
 from colift.codegen.vmap_primitive import trace
 
@@ -49,8 +58,7 @@ RULES = (elementwise, shape_rules, indexing, reduction, linalg, loops)  # each r
 
 log = logging.getLogger(__name__)
 
-native_p = core.Primitive("native")
-native_p.multiple_results = True
+native_p = jax_internals.new_primitive("native")
 
 MAX_GROUPED_SIZE = 1024  # elements; a larger argument is passed on its own, which avoids a copy
 TYPES = ("float64", "int64", "int32", "uint32", "bool")
@@ -60,14 +68,14 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
     """Compile a JAX function to native code that is usable under `jit`, `vmap` and `grad`.
 
     The value equals that of `f` to rounding. Derivatives and devices other than a CPU use `f` itself. So does a host
-    without a C compiler, or one that cannot load the library; one warning reports this.
+    without a C compiler, or one that cannot load the library. A function with side effects, or with an operation that
+    has no rule or another form in the installed version of JAX, also runs on JAX. One warning states each reason.
 
     Constants that `f` closes over become literals in the code, so varying numbers must be arguments. Integers are
     carried as doubles: a call fails with a JAX runtime error if one exceeds 2^53 or the range of its type.
 
-    The first call raises `UnsupportedPrimitive` for an operation without a rule and `OverflowError` for a constant
-    integer out of range. It raises `TypeError` for other array types or a traced constant. It raises `CompilerError` if
-    the C compiler fails.
+    The first call raises `OverflowError` for a constant integer out of range. It raises `TypeError` for other array
+    types or a traced constant. It raises `CompilerError` if the C compiler fails.
 
     Args:
         f: Function of PyTrees of float64, integer or boolean arrays; returns such a PyTree.
@@ -90,32 +98,46 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
         raise ValueError(f"threads is {limit}, must be at least 1")
 
     @functools.cache
-    def traced(tree: Any, avals: tuple[Any, ...]) -> tuple[core.ClosedJaxpr, Any]:
-        jaxpr, out = trace(f, tree, avals)
-        if any(isinstance(c, jax.core.Tracer) for c in jaxpr.consts):
+    def traced(tree: Any, avals: tuple[Any, ...]) -> tuple[Any, Any] | None:
+        try:
+            jaxpr, out = trace(f, tree, avals)
+            constants = Program.from_jaxpr(jaxpr).constants
+        except UnsupportedPrimitive as error:
+            _warn_unsupported(str(error))
+            return None
+        if any(map(jax_internals.is_traced, constants)):
             raise TypeError(f"codegen.compile: {f} closes over a traced value; pass it as an argument")
+        if effects := jax_internals.side_effects(jaxpr):
+            _warn_unsupported(f"codegen: side effects ({effects}) are not supported")
+            return None
         return jaxpr, out
 
     @functools.wraps(f)
     def compiled(*args: Any) -> Any:
+        if jax_internals.MISSING:
+            _warn_unsupported(jax_internals.MISSING)
+            return f(*args)
         leaves, tree = jax.tree.flatten(args)
         avals = tuple(jax.ShapeDtypeStruct(np.shape(x), jax.dtypes.result_type(x)) for x in leaves)
-        jaxpr, out = traced(tree, avals)
+        found = traced(tree, avals)
+        if found is None:
+            return f(*args)
+        jaxpr, out = found
         return jax.tree.unflatten(out, native_p.bind(*leaves, jaxpr=jaxpr, threads=limit))
 
     return compiled
 
 
-def _batch_shape(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> tuple[int, ...]:
+def _batch_shape(args: Sequence[Any], jaxpr: Any) -> tuple[int, ...]:
     """Return the broadcast shape of the batch axes; empty for one sample."""
     axes = batch_axes(args, jaxpr)
     return np.broadcast_shapes(*(np.shape(a)[:axes] for a in args)) if axes else ()
 
 
-def _abstract(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:  # noqa: ARG001
+def _abstract(*args: Any, jaxpr: Any, threads: int) -> list[Any]:  # noqa: ARG001
     """Return the abstract results of the primitive."""
     batch = _batch_shape(args, jaxpr)
-    return [jax.core.ShapedArray((*batch, *v.shape), v.dtype) for v in jaxpr.out_avals]
+    return [jax_internals.abstract_array((*batch, *v.shape), v.dtype) for v in Program.from_jaxpr(jaxpr).outputs]
 
 
 def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tuple[Any, list[int]]:
@@ -128,10 +150,10 @@ def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tu
 def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tuple[Any, Any]:
     """Differentiation rule: the derivative of the JAX function."""
     f = functools.partial(evaluate_with_jax, **params)
-    return jax.jvp(f, tuple(primals), tuple(map(ad.instantiate_zeros, tangents)))
+    return jax.jvp(f, tuple(primals), jax_internals.dense_tangents(tangents))
 
 
-def _call_library(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any]:
+def _call_library(*args: Any, jaxpr: Any, threads: int) -> list[Any]:
     """Call the compiled library.
 
     The small arguments of one sample are concatenated to one array per type. Each array costs about 0.2 us per call in
@@ -145,7 +167,7 @@ def _call_library(*args: Any, jaxpr: core.ClosedJaxpr, threads: int) -> list[Any
     joined = [
         args[group[0]] if batched else jax.numpy.concatenate([args[k].ravel() for k in group]) for group in groups
     ]
-    results = [jax.ShapeDtypeStruct((*batch, *v.shape), v.dtype) for v in jaxpr.out_avals]
+    results = [jax.ShapeDtypeStruct((*batch, *v.shape), v.dtype) for v in Program.from_jaxpr(jaxpr).outputs]
     return list(jax.ffi.ffi_call(name, results)(*joined, threads=np.int64(threads)))
 
 
@@ -155,24 +177,31 @@ def _group_arguments(avals: Sequence[Any], used: Sequence[bool], batched: bool) 
     return [[k for k, kind in kinds.items() if kind == one] for one in dict.fromkeys(kinds.values())]
 
 
-def _lower(ctx: mlir.LoweringRuleContext, *args: Any, **params: Any) -> Any:
+def _lower(ctx: Any, *args: Any, **params: Any) -> Any:
     """Lowering rule for the CPU: the compiled library, or JAX if native code is unavailable."""
     try:
         build.require_compiler()
-        return _lower_to_library(ctx, *args, **params)
+        return jax_internals.lowering(_call_library)(ctx, *args, **params)
     except build.LibraryUnavailable as error:
-        _warn_fallback(str(error))
-        return _lower_with_jax(ctx, *args, **params)
+        _warn_fallback(f"{error}: native code runs on JAX instead, 10 to 100 times slower")
+    except UnsupportedPrimitive as error:
+        _warn_unsupported(str(error))
+    return jax_internals.lowering(evaluate_with_jax)(ctx, *args, **params)
 
 
-@functools.cache
-def _warn_fallback(reason: str) -> None:
+def _warn_unsupported(reason: str) -> None:
     """Warn once per reason that functions run on JAX."""
-    log.warning("%s: native code runs on JAX instead, 10 to 100 times slower", reason)
+    _warn_fallback(f"{reason}: functions with this operation run on JAX, 4 to 100 times slower than native code")
 
 
 @functools.cache
-def _target(jaxpr: core.ClosedJaxpr, batched: bool) -> tuple[str, list[list[int]]]:
+def _warn_fallback(message: str) -> None:
+    """Log a warning, each message once."""
+    log.warning("%s", message)
+
+
+@functools.cache
+def _target(jaxpr: Any, batched: bool) -> tuple[str, list[list[int]]]:
     """Emit, compile and register a function; return its XLA target name and its argument groups.
 
     The library stores its argument groups, so a cached library is used without emitting the C source again.
@@ -206,7 +235,7 @@ class Kernel(NamedTuple):
 
 
 def kernel(
-    jaxpr: core.ClosedJaxpr,
+    jaxpr: Any,
     lanes: int = 1,
     agent_lanes: int = 1,
     stack_bytes: int = emit.STACK_BYTES,
@@ -218,7 +247,7 @@ def kernel(
     range.
 
     Args:
-        jaxpr: Function of float64, integer or boolean arrays.
+        jaxpr: Jaxpr of a function of float64, integer or boolean arrays, from `jax.make_jaxpr`.
         lanes: Samples per vector; 1 for a single sample.
         agent_lanes: Agents or rows per vector inside loops of a single sample.
         stack_bytes: Maximum size of the arrays of one C function on the stack; larger ones are allocated.
@@ -231,18 +260,20 @@ def kernel(
     Raises:
         TypeError: If an argument or result has another array type.
     """
-    for v in (*jaxpr.in_avals, *jaxpr.out_avals):
+    if jax_internals.MISSING:
+        raise UnsupportedPrimitive(jax_internals.MISSING)
+    program = Program.from_jaxpr(jaxpr)
+    for v in (*program.inputs, *program.outputs):
         if v.dtype.name not in TYPES:
             raise TypeError(f"codegen: arrays must be of type {', '.join(TYPES)}; got {v.dtype.name}")
     g = Graph()
     nodes = []
-    for k, v in enumerate(jaxpr.in_avals):
+    for k, v in enumerate(program.inputs):
         own = g.array(v.size, "in", k)
         nodes.append((g.map("flag", own) if v.dtype == bool else own).reshape(v.shape))
-    reduced, _ = partial_eval.dce_jaxpr(jaxpr.jaxpr, [True] * len(jaxpr.out_avals), instantiate=True)
-    outputs = interpret(g, reduced, jaxpr.consts, nodes)
+    outputs = interpret(g, program.without_dead_code(), nodes)
     function = Function(
-        inputs=tuple(v.size for v in jaxpr.in_avals),
+        inputs=tuple(v.size for v in program.inputs),
         graph=g,
         outputs=[g.as_numbers(x) for x in outputs],
     )
@@ -275,11 +306,11 @@ def lanes_header(widths: Sequence[int]) -> str:
     return "\n".join(f"#define LANES {w}\n{lanes.format(w=w)}\n{text}" for w in widths)
 
 
-def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
+def source(jaxpr: Any, batched: bool) -> str:
     """Return the C source of a function with its XLA entry point.
 
     Args:
-        jaxpr: Function of float64, integer or boolean arrays.
+        jaxpr: Jaxpr of a function of float64, integer or boolean arrays, from `jax.make_jaxpr`.
         batched: Whether the lanes of a vector hold samples of a batch; otherwise agents of one sample.
 
     Returns:
@@ -287,8 +318,9 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
     """
     width = build.lanes() if batched else 1
     made = kernel(jaxpr, width, 1 if batched else build.lanes())
-    groups = _group_arguments(jaxpr.in_avals, [k in made.arguments for k in range(len(jaxpr.in_avals))], batched)
-    sizes = [[jaxpr.in_avals[k].size for k in group] for group in groups]
+    inputs, results = Program.from_jaxpr(jaxpr).inputs, Program.from_jaxpr(jaxpr).outputs
+    groups = _group_arguments(inputs, [k in made.arguments for k in range(len(inputs))], batched)
+    sizes = [[inputs[k].size for k in group] for group in groups]
     starts = [np.cumsum([0, *size]) for size in sizes]
     pointers = {k: f"in[{i}] + {at}" for i, p in enumerate(groups) for k, at in zip(p, starts[i], strict=False)}
     args = [pointers[k] for k in made.arguments] + [f"out[{k}]" for k in made.results]
@@ -299,10 +331,10 @@ def source(jaxpr: core.ClosedJaxpr, batched: bool) -> str:
         lanes_header(made.widths),
         made.text,
         f"#if IN(0)\n#define WIDTH {width}\n#define V V_{width}\n#define SPLAT splat_{width}",
-        f"#define ARGUMENTS {len(groups)}\n#define RESULTS {len(jaxpr.out_avals)}",
-        f"#define RESULT_RANK {len(jaxpr.out_avals[0].shape)}",
+        f"#define ARGUMENTS {len(groups)}\n#define RESULTS {len(results)}",
+        f"#define RESULT_RANK {len(results[0].shape)}",
         f"static const int64_t ARGUMENT_SIZE[] = {{{numbers(map(sum, sizes))}}};",
-        f"static const int64_t RESULT_SIZE[] = {{{numbers(v.size for v in jaxpr.out_avals)}}};",
+        f"static const int64_t RESULT_SIZE[] = {{{numbers(v.size for v in results)}}};",
         f"static void KERNEL(V **in, V **out) {{ {made.name}({', '.join(args)}); }}",
         files.joinpath("ffi.h").read_text(),
         f'__attribute__((visibility("default"))) const char colift_argument_groups[] = "{json.dumps(groups)}";',
@@ -316,11 +348,12 @@ def _jitted(**params: Any) -> Callable[..., Any]:
     return jax.jit(functools.partial(native_p.bind, **params))
 
 
-_lower_with_jax = mlir.lower_fun(evaluate_with_jax, multiple_results=True)
-_lower_to_library = mlir.lower_fun(_call_library, multiple_results=True)
-native_p.def_impl(lambda *args, **params: _jitted(**params)(*args))
-native_p.def_abstract_eval(_abstract)
-mlir.register_lowering(native_p, _lower_with_jax)
-mlir.register_lowering(native_p, _lower, platform="cpu")
-ad.primitive_jvps[native_p] = _jvp
-batching.primitive_batchers[native_p] = _batch
+jax_internals.define_primitive(
+    native_p,
+    implementation=lambda *args, **params: _jitted(**params)(*args),
+    abstract=_abstract,
+    jvp=_jvp,
+    batch=_batch,
+    lower=evaluate_with_jax,
+    lower_on_cpu=_lower,
+)

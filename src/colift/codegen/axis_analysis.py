@@ -69,13 +69,9 @@ def result_axis_form(e: Equation, axis: int) -> AxisForm | None:
         The form at one index; None if the equation mixes indices of the axis or its results differ in length.
     """
     shapes = [v.aval.shape for v in e.outvars]
-    if (
-        any(len(s) <= axis for s in shapes)
-        or len({s[axis] for s in shapes}) != 1
-        or e.primitive.name not in _AXIS_RULES
-    ):
+    if any(len(s) <= axis for s in shapes) or len({s[axis] for s in shapes}) != 1 or e.name not in _AXIS_RULES:
         return None
-    found = _AXIS_RULES[e.primitive.name](e, axis)
+    found = _AXIS_RULES[e.name](e, axis)
     if found is None:
         return None
     params, operands = found
@@ -223,7 +219,7 @@ def reduced_axis_form(e: Equation, operand: int, axis: int) -> AxisForm | None:
     Returns:
         The form at one index; None for other equations and for integers, whose partial sums are checked in order.
     """
-    name = e.primitive.name
+    name = e.name
     integers = np.issubdtype(e.outvars[0].aval.dtype, np.integer)
     length = e.invars[operand].aval.shape[axis]
     if name in REDUCTIONS and axis in e.params["axes"] and (not integers or REDUCTIONS[name] in ("max", "min")):

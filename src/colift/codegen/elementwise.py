@@ -7,7 +7,8 @@ import numpy as np
 
 from colift.codegen.equations import Equation
 from colift.codegen.graph import Graph, Nodes
-from colift.codegen.interpret import UnsupportedPrimitive, check_integer, is_bool, is_integer, rule, select_case
+from colift.codegen.interpret import check_integer, is_bool, is_integer, rule, select_case
+from colift.codegen.jax_internals import UnsupportedPrimitive
 
 
 @rule("stop_gradient", "copy", "device_put", "optimization_barrier")
@@ -94,7 +95,7 @@ def _is_finite(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
 @rule("lt", "le", "gt", "ge", "eq", "ne")
 def _compare(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
     a, b = g.map("to_number", a), g.map("to_number", b)
-    name = eqn.primitive.name
+    name = eqn.name
     if name in ("gt", "ge"):
         a, b, name = b, a, {"gt": "lt", "ge": "le"}[name]
     return g.map(name, a, b)
@@ -103,8 +104,8 @@ def _compare(g: Graph, eqn: Equation, a: Nodes, b: Nodes) -> Nodes:
 @rule("and", "or", "not", "xor")
 def _logic(g: Graph, eqn: Equation, *x: Nodes) -> Nodes:
     if not is_bool(eqn.invars[0]):
-        raise UnsupportedPrimitive(f"codegen: bitwise '{eqn.primitive.name}' of integers is not supported")
-    return g.map("logical_" + eqn.primitive.name, *x)
+        raise UnsupportedPrimitive(f"codegen: bitwise '{eqn.name}' of integers is not supported")
+    return g.map("logical_" + eqn.name, *x)
 
 
 @rule("select_n")

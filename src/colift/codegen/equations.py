@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.core
 import numpy as np
-from jax.extend import core, source_info_util
 
-CALLS = {"jit", "custom_jvp_call", "custom_vjp_call", "remat2"}
+from colift.codegen import jax_internals
+from colift.codegen.jax_internals import Program, programs_in
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,21 +33,23 @@ class Value:
 
 @dataclass(frozen=True, eq=False)
 class Equation:
-    """Application of a primitive, with the fields of `jax.extend.core.JaxprEqn`.
+    """Application of a primitive.
 
     Attributes:
-        primitive: Primitive of JAX, or an object with a `name`.
+        name: Name of the primitive.
         params: Parameters of the primitive.
         invars: Operands.
         outvars: Results.
         source_location: File and line in the user's code; "" if unknown.
+        evaluate: Evaluates the equation with JAX; None for equations that do not come from JAX.
     """
 
-    primitive: Any
+    name: str
     params: dict[str, Any]
     invars: list[Value]
     outvars: list[Value]
     source_location: str = ""
+    evaluate: Callable[..., list[Any]] | None = None
 
 
 def constant(number: Any, aval: Any = None) -> Value:
@@ -62,60 +63,62 @@ def constant(number: Any, aval: Any = None) -> Value:
         The value.
     """
     number = np.asarray(number)
-    return Value(jax.core.ShapedArray(number.shape, number.dtype) if aval is None else aval, number)
+    return Value(jax_internals.abstract_array(number.shape, number.dtype) if aval is None else aval, number)
 
 
 def inline_calls(
-    jaxpr: core.Jaxpr, args: Sequence[Value], source_location: str = ""
+    program: Program, args: Sequence[Value], source_location: str = ""
 ) -> tuple[list[Equation], list[Value]]:
-    """List the equations of a jaxpr applied to values.
+    """List the equations of a program applied to values.
 
     Args:
-        jaxpr: Jaxpr; nested calls are inlined.
-        args: Values of its constants, then of its arguments.
+        program: Program; nested calls are inlined.
+        args: Values of its inputs that are not constants.
         source_location: Location of the enclosing equation, used where JAX reports none.
 
     Returns:
         The equations and the values of the outputs.
     """
-    env: dict[core.Var, Value] = dict(zip((*jaxpr.constvars, *jaxpr.invars), args, strict=True))
+    values = [*map(constant, program.constants), *args]
+    env: dict[Any, Value] = dict(zip(program.variables, values, strict=True))
 
     def read(v: Any) -> Value:
-        return constant(v.val, v.aval) if isinstance(v, core.Literal) else env[v]
+        return constant(v.val, v.aval) if jax_internals.is_literal(v) else env[v]
 
     equations = []
-    for eqn in jaxpr.eqns:
-        inputs = [read(v) for v in eqn.invars]
-        # JAX reports no user location for its own functions
-        here = source_info_util.summarize(eqn.source_info) or source_location
-        if eqn.primitive.name in CALLS or eqn.primitive.name == "native":
-            inner = eqn.params["jaxpr"] if "jaxpr" in eqn.params else eqn.params["call_jaxpr"]
-            if eqn.primitive.name == "native":
-                inner = jax.make_jaxpr(functools.partial(evaluate_with_jax, jaxpr=inner))(*(v.aval for v in eqn.invars))
-            if isinstance(inner, core.ClosedJaxpr):
-                inputs = [*map(constant, inner.consts), *inputs]
-                inner = inner.jaxpr
+    for e in program.equations:
+        inputs = [read(v) for v in e.invars]
+        here = e.source_location or source_location  # JAX reports no user location for its own functions
+        if (inner := _called(e)) is not None:
             more, outputs = inline_calls(inner, inputs, here)
             equations += more
         else:
-            outputs = [Value(v.aval) for v in eqn.outvars]
-            equations.append(Equation(eqn.primitive, eqn.params, inputs, outputs, here))
-        env.update(zip(eqn.outvars, outputs, strict=True))
-    return equations, [read(v) for v in jaxpr.outvars]
+            outputs = [Value(v.aval) for v in e.outvars]
+            equations.append(Equation(e.name, e.params, inputs, outputs, here, e.evaluate))
+        env.update(zip(e.outvars, outputs, strict=True))
+    return equations, [read(v) for v in program.results]
 
 
-def evaluate_with_jax(*args: Any, jaxpr: core.ClosedJaxpr, threads: int = 1) -> list[Any]:  # noqa: ARG001  as the primitive's
+def _called(e: jax_internals.TracedEquation) -> Program | None:
+    """Return the program that an equation calls; None if it is not a call."""
+    if e.name == "native":
+        f = functools.partial(evaluate_with_jax, jaxpr=e.eqn.params["jaxpr"])
+        return Program.from_jaxpr(jax.make_jaxpr(f)(*(v.aval for v in e.invars)))
+    return jax_internals.called_program(e)
+
+
+def evaluate_with_jax(*args: Any, jaxpr: Any, threads: int = 1) -> list[Any]:  # noqa: ARG001  as the primitive's
     """Evaluate a native function with JAX.
 
     Args:
         *args: Arguments; leading axes beyond those of the function are batch axes, of length one if shared.
-        jaxpr: The function.
+        jaxpr: The function, a jaxpr of JAX with its constants.
         threads: Not used; a parameter of the native primitive.
 
     Returns:
         The results.
     """
-    f = core.jaxpr_as_fun(jaxpr)
+    f = jax_internals.as_function(jaxpr)
     for axis in reversed(range(batch_axes(args, jaxpr))):
         f = _mapped(f, [np.shape(x)[axis] != 1 for x in args])
     return f(*args)
@@ -134,17 +137,17 @@ def _mapped(f: Callable[..., Any], mapped: Sequence[bool]) -> Callable[..., Any]
     return g
 
 
-def batch_axes(args: Sequence[Any], jaxpr: core.ClosedJaxpr) -> int:
+def batch_axes(args: Sequence[Any], jaxpr: Any) -> int:
     """Count the leading axes of the arguments beyond those of the function.
 
     Args:
         args: Arguments, all with the same number of batch axes.
-        jaxpr: The function.
+        jaxpr: The function, a jaxpr of JAX with its constants.
 
     Returns:
         Number of batch axes.
     """
-    return next((np.ndim(a) - v.ndim for a, v in zip(args, jaxpr.in_avals, strict=True)), 0)
+    return next((np.ndim(a) - v.ndim for a, v in zip(args, Program.from_jaxpr(jaxpr).inputs, strict=True)), 0)
 
 
 LAYOUT_PRIMITIVES = {  # primitives that emit no C statements
@@ -158,17 +161,17 @@ def statement_count(equations: Sequence[Any]) -> int:
     """Estimate the number of C statements of unrolled equations.
 
     Args:
-        equations: Equations of this module or of JAX.
+        equations: Equations of this module or of a program.
 
     Returns:
         Approximate number of statements.
     """
     total = 0
     for e in equations:
-        name = e.primitive.name
-        if inner := [*core.jaxprs_in_params(e.params)]:
+        name = e.name
+        if inner := [*programs_in(e.params)]:
             length = e.params["length"] if name == "scan" else e.outvars[0].aval.shape[0] if name == "agent_map" else 1
-            total += length * sum(statement_count(jaxpr.eqns) for jaxpr in inner)
+            total += length * sum(statement_count(program.equations) for program in inner)
         elif name == "dot_general":
             (contracted, _), _ = e.params["dimension_numbers"]
             shape = e.invars[0].aval.shape

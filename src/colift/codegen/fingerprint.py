@@ -13,16 +13,17 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.extend import core
+
+from colift.codegen.jax_internals import Program, is_literal, programs_in
 
 
-def jaxpr_digest(jaxpr: core.ClosedJaxpr) -> str:
+def jaxpr_digest(jaxpr: Any) -> str:
     """Hash the equations, the constants, the version of JAX and the files of this package.
 
     Constants enter by their bytes, because the text of a jaxpr omits digits of arrays.
 
     Args:
-        jaxpr: Traced function.
+        jaxpr: Traced function, of JAX.
 
     Returns:
         Hexadecimal SHA-256 hash.
@@ -30,25 +31,24 @@ def jaxpr_digest(jaxpr: core.ClosedJaxpr) -> str:
     found = hashlib.sha256()
     for part in (jax.__version__, _package(), str(jaxpr)):
         found.update(part.encode() + b"\0")
-    for value in (*jaxpr.consts, *_constants(jaxpr.jaxpr)):
+    program = Program.from_jaxpr(jaxpr)
+    for value in (*program.constants, *_constants(program)):
         array = np.asarray(value)
         found.update(f"{array.dtype} {array.shape} ".encode() + array.tobytes())
     return found.hexdigest()
 
 
-def _constants(jaxpr: core.Jaxpr) -> Iterator[Any]:
+def _constants(program: Program) -> Iterator[Any]:
     """Iterate over the literals and the constants of nested jaxprs."""
-    for eqn in jaxpr.eqns:
-        yield from (v.val for v in eqn.invars if isinstance(v, core.Literal))
-        for param in eqn.params.values():
-            for inner in param if isinstance(param, (tuple, list)) else (param,):
-                if isinstance(inner, core.ClosedJaxpr):
-                    yield from inner.consts
-                    yield from _constants(inner.jaxpr)
-                elif isinstance(inner, core.Jaxpr):
-                    yield from _constants(inner)
-                elif isinstance(inner, np.ndarray):
-                    yield inner
+    for e in program.equations:
+        yield from (v.val for v in e.invars if is_literal(v))
+        for inner in programs_in(e.params):
+            yield from inner.constants
+            yield from _constants(inner)
+        for param in e.params.values():
+            yield from (
+                x for x in (param if isinstance(param, (tuple, list)) else (param,)) if isinstance(x, np.ndarray)
+            )
 
 
 @functools.cache

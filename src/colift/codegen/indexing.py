@@ -178,7 +178,7 @@ def _scatter(g: Graph, eqn: Equation, a: Nodes, indices: Nodes, updates: Nodes) 
     if not updates.size:
         return a
     p = eqn.params
-    d, op = p["dimension_numbers"], SCATTER[eqn.primitive.name]
+    d, op = p["dimension_numbers"], SCATTER[eqn.name]
     points, drops = indices.shape[:-1], p["mode"].name != "CLIP"
     updates = updates.transpose(
         [k for k in range(updates.ndim) if k not in d.update_window_dims] + list(d.update_window_dims)

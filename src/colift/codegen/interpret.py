@@ -11,20 +11,16 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.extend import core
 
-from colift.codegen.equations import Equation, Value, constant, inline_calls, statement_count
+from colift.codegen.equations import Equation, Value, inline_calls, statement_count
 from colift.codegen.graph import FOLD, INTEGER_RANGES, LIBM, Graph, Nodes
+from colift.codegen.jax_internals import Program, UnsupportedPrimitive, readable, require_known_parameters
 from colift.codegen.loop_fusion import fuse_loops
 
 Rule = Callable[..., Any]
 RULES: dict[str, Rule] = {}
 
 MAX_STATEMENTS = 50_000  # of one operation outside a loop; a C compiler needs minutes for larger ones
-
-
-class UnsupportedPrimitive(NotImplementedError):
-    """A function contains an operation for which code generation has no rule."""
 
 
 def rule(*names: str) -> Callable[[Rule], Rule]:
@@ -49,26 +45,20 @@ def rule(*names: str) -> Callable[[Rule], Rule]:
     return register
 
 
-def interpret(g: Graph, jaxpr: core.Jaxpr, consts: Sequence[Any], args: Sequence[Nodes]) -> list[Nodes]:
-    """Add the equations of a jaxpr to a graph.
+def interpret(g: Graph, program: Program, args: Sequence[Nodes]) -> list[Nodes]:
+    """Add the equations of a program to a graph.
 
     Args:
         g: Graph.
-        jaxpr: Jaxpr.
-        consts: Values of its constants.
-        args: Nodes of its arguments.
+        program: Program.
+        args: Nodes of its inputs that are not constants.
 
     Returns:
         The nodes of its outputs.
     """
-    values = [Value(v.aval) for v in jaxpr.invars]
-    equations, outputs = inline_calls(jaxpr, [*map(constant, consts), *values])
+    values = [Value(aval) for aval in program.inputs]
+    equations, outputs = inline_calls(program, values)
     return evaluate(g, equations, outputs, dict(zip(values, args, strict=True)))
-
-
-def interpret_closed(g: Graph, jaxpr: core.ClosedJaxpr, args: Sequence[Nodes]) -> list[Nodes]:
-    """Add the equations of a closed jaxpr to a graph; see `interpret`."""
-    return interpret(g, jaxpr.jaxpr, jaxpr.consts, args)
 
 
 def evaluate(
@@ -101,32 +91,31 @@ def evaluate(
             if e.source_location and ", at " not in str(error):
                 raise type(error)(f"{error}, at {e.source_location}") from None
             raise
-        for v, x in zip(e.outvars, out, strict=True):
-            assert x.shape == v.aval.shape, (e, x.shape)
-            env[v] = x
+        env.update(zip(e.outvars, out, strict=True))
     return [read(v) for v in outputs]
 
 
 def _apply(g: Graph, eqn: Equation, nodes: list[Nodes]) -> list[Nodes]:
     """Apply the rule of one equation; fold it if it has no rule and all operands are constants."""
-    name, shapes = eqn.primitive.name, [v.aval.shape for v in eqn.outvars]
+    name, shapes = eqn.name, [v.aval.shape for v in eqn.outvars]
     if shapes and all(0 in shape for shape in shapes):  # empty arrays, such as those of a vehicle without joints
         return [np.zeros(shape, dtype=np.int64) for shape in shapes]
     if name not in ("loop", "scan", "while", "cond") and (size := statement_count([eqn])) > MAX_STATEMENTS:
         raise UnsupportedPrimitive(f"codegen: '{name}' would be {size} statements of C, {MAX_STATEMENTS} are allowed")
-    if name in RULES:
-        out = RULES[name](g, eqn, *nodes)
-    elif name in LIBM or name in FOLD:
-        out = check_integer(g, eqn, g.map(name, *nodes))
-    else:
-        values = [g.constant_values(x) for x in nodes]
-        if any(v is None for v in values):
-            raise UnsupportedPrimitive(f"codegen: primitive '{name}' is not supported")
-        with jax.ensure_compile_time_eval():
-            typed = [np.asarray(v, x.aval.dtype) for v, x in zip(values, eqn.invars, strict=True)]
-            out = eqn.primitive.bind(*typed, **eqn.params)
-        out = [g.constants(np.asarray(x)) for x in (out if eqn.primitive.multiple_results else [out])]
-    return out if isinstance(out, list) else [out]
+    if name in RULES or name in LIBM or name in FOLD:
+        if eqn.evaluate is not None:
+            require_known_parameters(name, eqn.params)
+        with readable(name):
+            out = RULES[name](g, eqn, *nodes) if name in RULES else check_integer(g, eqn, g.map(name, *nodes))
+            out = out if isinstance(out, list) else [out]
+            assert [x.shape for x in out] == shapes, f"shapes {[x.shape for x in out]} instead of {shapes}"
+        return out
+    values = [g.constant_values(x) for x in nodes]
+    if eqn.evaluate is None or any(v is None for v in values):
+        raise UnsupportedPrimitive(f"codegen: primitive '{name}' is not supported")
+    with jax.ensure_compile_time_eval():
+        out = eqn.evaluate(*(np.asarray(v, x.aval.dtype) for v, x in zip(values, eqn.invars, strict=True)))
+    return [g.constants(np.asarray(x)) for x in out]
 
 
 def is_bool(v: Any) -> bool:

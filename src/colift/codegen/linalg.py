@@ -11,13 +11,13 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-import jax.core
 import numpy as np
 
 from colift.codegen.blocks import While
 from colift.codegen.equations import Equation
 from colift.codegen.graph import Graph, Nodes
-from colift.codegen.interpret import UnsupportedPrimitive, interpret_closed, rule
+from colift.codegen.interpret import interpret, rule
+from colift.codegen.jax_internals import UnsupportedPrimitive, abstract_array
 from colift.codegen.loops import build_function
 
 
@@ -132,7 +132,7 @@ def _custom_linear_solve(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     lengths, jaxprs = eqn.params["const_lengths"], eqn.params["jaxprs"]
     before = lengths.matvec + lengths.vecmat
     consts = x[before : before + lengths.solve]
-    return interpret_closed(g, jaxprs.solve, [*consts, *x[sum(lengths) :]])
+    return interpret(g, jaxprs.solve, [*consts, *x[sum(lengths) :]])
 
 
 MAX_SWEEPS = 30  # not reached in practice, because Jacobi's method converges quadratically
@@ -161,7 +161,7 @@ def jacobi(g: Graph, A: Nodes) -> list[Nodes]:
     n = A.shape[0]
     one, zero = (g.constants(np.full((), x)) for x in (1.0, 0.0))
     V = np.where(np.eye(n, dtype=bool), one, zero)
-    avals = [jax.core.ShapedArray(shape, np.dtype(float)) for shape in (A.shape, A.shape, ())]
+    avals = [abstract_array(shape, np.dtype(float)) for shape in (A.shape, A.shape, ())]
     test = build_function(g, avals, lambda inner, x: [_not_converged(inner, x[0], x[2])], [None] * 3)
     sweep = build_function(
         g, avals, lambda inner, x: [*_sweep(inner, x[0], x[1]), inner.map("add", x[2], _const(inner, 1.0))], [None] * 3

@@ -13,15 +13,11 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from types import SimpleNamespace
-
-import jax.core
-from jax.extend.core import primitives
 
 from colift.codegen.axis_analysis import AxisForm, operand_axis_form, reduced_axis_form, result_axis_form
 from colift.codegen.equations import Equation, Value, inline_calls, statement_count
+from colift.codegen.jax_internals import abstract_array
 
-LOOP = SimpleNamespace(name="loop")
 LARGE_EQUATION = 1000  # statements; a larger equation becomes a loop if it has an axis of MIN_LOOP_LENGTH or more
 MIN_LOOP_LENGTH = 16  # indices; shorter axes are unrolled
 
@@ -65,7 +61,7 @@ def find_axis_forms(equations: Sequence[Equation]) -> dict[Equation, AxisForm]:
                     add(e, form)
 
     for e in equations:
-        if e.primitive.name == "agent_map" and (form := result_axis_form(e, 0)) is not None:
+        if e.name == "agent_map" and (form := result_axis_form(e, 0)) is not None:
             add(e, form)
     spread()
     for e in sorted(equations, key=lambda e: -statement_count([e])):
@@ -100,7 +96,7 @@ def fuse_loops(equations: Sequence[Equation], outputs: Sequence[Value]) -> list[
         outputs: Values that are used after the equations.
 
     Returns:
-        Equivalent equations in order of evaluation; a loop is an equation of the primitive `LOOP`.
+        Equivalent equations in order of evaluation; a loop is an equation with the name `loop`.
     """
     forms = find_axis_forms(equations)
     if not forms:
@@ -149,7 +145,7 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
 
     def less(v: Value, axis: int) -> Value:
         shape = v.aval.shape
-        return Value(jax.core.ShapedArray((*shape[:axis], *shape[axis + 1 :]), v.aval.dtype))
+        return Value(abstract_array((*shape[:axis], *shape[axis + 1 :]), v.aval.dtype))
 
     def read(v: Value, axis: int | None) -> Value:
         if axis is None and v.number is not None:
@@ -160,7 +156,7 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
             inputs.append((v, inner_value, None if only else axis))
             if only:
                 one = less(v, axis)
-                body.append(Equation(primitives.squeeze_p, {"dimensions": (axis,)}, [inner_value], [one]))
+                body.append(Equation("squeeze", {"dimensions": (axis,)}, [inner_value], [one]))
                 inner_value = one
             inner[v, axis] = inner_value
         return inner[v, axis]
@@ -169,7 +165,7 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
     for e, form in group:
         operands = [read(v, axis) for v, axis in zip(e.invars, form.operands, strict=True)]
         merges = [form.reduction] * len(e.outvars) if form.reduction else form.results
-        if e.primitive.name == "agent_map":
+        if e.name == "agent_map":
             more, results = inline_calls(e.params["jaxpr"], operands, e.source_location)
             body += more
         else:
@@ -190,4 +186,4 @@ def _loop(group: Sequence[tuple[Equation, AxisForm]], used: set[Value]) -> Equat
         "results": [made[v][0] for v in outputs],
         "merges": tuple(made[v][1] for v in outputs),
     }
-    return Equation(LOOP, params, [v for v, *_ in inputs], outputs, group[0][0].source_location)
+    return Equation("loop", params, [v for v, *_ in inputs], outputs, group[0][0].source_location)

@@ -10,12 +10,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from jax.extend import core
 
 from colift.codegen.blocks import Branch, Function, Map, Scan, While
-from colift.codegen.equations import Equation, Value, constant, inline_calls, statement_count
+from colift.codegen.equations import Equation, Value, inline_calls, statement_count
 from colift.codegen.graph import Graph, Nodes
-from colift.codegen.interpret import evaluate, interpret_closed, is_bool, rule, select_case
+from colift.codegen.interpret import evaluate, interpret, is_bool, rule, select_case
+from colift.codegen.jax_internals import Program
 
 MAX_INLINE_STATEMENTS = 400  # a loop or branch with at most this many unrolled statements is unrolled
 
@@ -25,13 +25,13 @@ def _cond(g: Graph, eqn: Equation, index: Nodes, *x: Nodes) -> list[Nodes]:
     branches = eqn.params["branches"]
     known = g.constant_values(index)
     if known is not None:
-        return interpret_closed(g, branches[int(np.clip(known, 0, len(branches) - 1))], x)
-    if sum(statement_count(branch.jaxpr.eqns) for branch in branches) <= MAX_INLINE_STATEMENTS:
-        cases = [interpret_closed(g, branch, x) for branch in branches]
+        return interpret(g, branches[int(np.clip(known, 0, len(branches) - 1))], x)
+    if sum(statement_count(branch.equations) for branch in branches) <= MAX_INLINE_STATEMENTS:
+        cases = [interpret(g, branch, x) for branch in branches]
         return [select_case(g, index, case) for case in zip(*cases, strict=True)]
     avals = [v.aval for v in eqn.invars[1:]]
     functions = tuple(
-        build_function(g, avals, lambda inner, nodes, branch=branch: interpret_closed(inner, branch, nodes), x)
+        build_function(g, avals, lambda inner, nodes, branch=branch: interpret(inner, branch, nodes), x)
         for branch in branches
     )
     sizes = [out.size for out in functions[0].outputs]
@@ -142,10 +142,10 @@ def _scan(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     p = eqn.params
     body, length, consts, carry = p["jaxpr"], p["length"], p["num_consts"], p["num_carry"]
     shared, state, stacked = x[:consts], list(x[consts : consts + carry]), x[consts + carry :]
-    if length == 0 or length == 1 or length * statement_count(body.jaxpr.eqns) <= MAX_INLINE_STATEMENTS:
+    if length == 0 or length == 1 or length * statement_count(body.equations) <= MAX_INLINE_STATEMENTS:
         rows = []
         for t in range(length)[:: -1 if p["reverse"] else 1]:
-            out = interpret_closed(g, body, [*shared, *state, *(np.asarray(a[t]) for a in stacked)])
+            out = interpret(g, body, [*shared, *state, *(np.asarray(a[t]) for a in stacked)])
             state = out[:carry]
             rows.append(out[carry:])
         rows = rows[:: -1 if p["reverse"] else 1]
@@ -153,7 +153,7 @@ def _scan(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
         return [*state, *(map(np.stack, zip(*rows, strict=True)) if rows else empty)]
     step, more, constants = _hoist_invariants(g, body, shared)
     known = [*constants, *shared, *[None] * carry, *map(_row_invariant, stacked)]
-    avals = [*(v.aval for v in more), *(v.aval for v in body.jaxpr.invars)]
+    avals = [*(v.aval for v in more), *body.inputs]
     step_function = build_function(g, avals, step, known)
     sizes = [out.size * (1 if k < carry else length) for k, out in enumerate(step_function.outputs)]
     options = {"length": length, "consts": consts + len(more), "carry": carry, "reverse": p["reverse"]}
@@ -169,17 +169,17 @@ def _while(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
     tests, consts = p["cond_nconsts"], p["body_nconsts"]
     tested, shared, state = x[:tests], x[tests : tests + consts], x[tests + consts :]
     test, body = p["cond_jaxpr"], p["body_jaxpr"]
-    first = g.constant_values(np.asarray(interpret_closed(g, test, [*tested, *state])[0]))
+    first = g.constant_values(np.asarray(interpret(g, test, [*tested, *state])[0]))
     if first is not None and not first:
         return list(state)
     step, more, constants = _hoist_invariants(g, body, shared)
     condition = build_function(
         g,
-        [v.aval for v in test.jaxpr.invars],
-        lambda inner, nodes: interpret_closed(inner, test, nodes),
+        test.inputs,
+        lambda inner, nodes: interpret(inner, test, nodes),
         [*tested, *[None] * len(state)],
     )
-    avals = [*(v.aval for v in more), *(v.aval for v in body.jaxpr.invars)]
+    avals = [*(v.aval for v in more), *body.inputs]
     step_function = build_function(g, avals, step, [*constants, *shared, *[None] * len(state)])
     sizes = [a.size for a in state]
     options = {"test": condition, "function": step_function, "tests": tests, "consts": consts + len(more)}
@@ -190,9 +190,7 @@ def _while(g: Graph, eqn: Equation, *x: Nodes) -> list[Nodes]:
 Step = Callable[[Graph, list[Nodes]], list[Nodes]]
 
 
-def _hoist_invariants(
-    g: Graph, body: core.ClosedJaxpr, shared: Sequence[Nodes]
-) -> tuple[Step, list[Value], list[Nodes]]:
+def _hoist_invariants(g: Graph, body: Program, shared: Sequence[Nodes]) -> tuple[Step, list[Value], list[Nodes]]:
     """Hoist loop-invariant equations out of a loop.
 
     Args:
@@ -203,12 +201,12 @@ def _hoist_invariants(
     Returns:
         The remaining body, its additional constants (which come first), and their nodes in the caller.
     """
-    arguments = [Value(v.aval) for v in body.jaxpr.invars]
-    equations, outputs = inline_calls(body.jaxpr, [*map(constant, body.consts), *arguments])
+    arguments = [Value(aval) for aval in body.inputs]
+    equations, outputs = inline_calls(body, arguments)
     fixed = set(arguments[: len(shared)])
     before, after = [], []
     for e in equations:
-        same = e.primitive.name not in NOT_HOISTED and all(v in fixed or v.number is not None for v in e.invars)
+        same = e.name not in NOT_HOISTED and all(v in fixed or v.number is not None for v in e.invars)
         (before if same else after).append(e)
         if same:
             fixed.update(e.outvars)

@@ -31,7 +31,7 @@ REDUCE = {  # operation, and its identity element, the reduction of an empty axi
 
 @rule(*REDUCE)
 def _reduce(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
-    op, empty = REDUCE[eqn.primitive.name]
+    op, empty = REDUCE[eqn.name]
     for axis in sorted(eqn.params["axes"], reverse=True):
         if a.shape[axis] == 0:
             a = np.broadcast_to(g.constants(np.asarray(empty)), a.shape[:axis] + a.shape[axis + 1 :])
@@ -47,7 +47,7 @@ CUMULATIVE = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummin": "min
 def _cumulative(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     axis, step = eqn.params["axis"], -1 if eqn.params["reverse"] else 1
     rows = np.moveaxis(a, axis, 0)[::step]
-    out = itertools.accumulate(rows, _step(g, eqn, CUMULATIVE[eqn.primitive.name]))
+    out = itertools.accumulate(rows, _step(g, eqn, CUMULATIVE[eqn.name]))
     return np.moveaxis(np.stack(list(out))[::step], 0, axis)
 
 
@@ -57,7 +57,7 @@ def _argmax(g: Graph, eqn: Equation, a: Nodes) -> Nodes:
     rows = np.moveaxis(g.map("to_number", a), axis, 0)
     best, where = rows[0], np.broadcast_to(g.constants(np.array(0.0)), rows[0].shape)
     for k, row in enumerate(rows[1:], start=1):
-        is_better = g.map("lt", best, row) if eqn.primitive.name == "argmax" else g.map("lt", row, best)
+        is_better = g.map("lt", best, row) if eqn.name == "argmax" else g.map("lt", row, best)
         first_nan = g.map("logical_and", g.map("ne", row, row), g.map("eq", best, best))
         better = g.map("logical_or", is_better, first_nan)
         best = g.map("select", better, row, best)

@@ -68,10 +68,10 @@ int main(int argc, char **argv) {
   }
   qsort(durations, steps, sizeof *durations, ascending);
   printf("steps %ld\n", steps);
-  printf("largest_difference %.3g\n", largest);
-  printf("largest_relative_difference %.3g\n", share);
-  printf("median_us %.2f\n", durations[steps / 2]);
-  printf("p999_us %.2f\n", durations[(long)(0.999 * steps)]);
+  printf("max_difference %.3g\n", largest);
+  printf("max_relative_difference %.3g\n", share);
+  printf("step_time_median_us %.2f\n", durations[steps / 2]);
+  printf("step_time_p999_us %.2f\n", durations[(long)(0.999 * steps)]);
   printf("state_bytes %lu\n", (unsigned long)sizeof(colift_state));
   printf("model_bytes %lu\n", (unsigned long)sizeof(colift_model));
   if (overflow) fprintf(stderr, "integer overflow: a counter is not exactly representable\n");

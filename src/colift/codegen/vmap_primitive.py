@@ -11,17 +11,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-import jax.core
-from jax.extend import core
-from jax.interpreters import ad, batching, mlir
 
+from colift.codegen import jax_internals
+from colift.codegen.jax_internals import Program
 from colift.math.vmap import AGENT_MAP_TRACER
 
-agent_map_p = core.Primitive("agent_map")
-agent_map_p.multiple_results = True
+agent_map_p = jax_internals.new_primitive("agent_map")
 
 
-def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[core.ClosedJaxpr, Any]:
+def trace(f: Callable[..., Any], tree: Any, leaves: Sequence[Any]) -> tuple[Any, Any]:
     """Trace a function; maps over agents remain equations of the jaxpr.
 
     Args:
@@ -52,24 +50,22 @@ def _bind_agent_map(f: Callable[..., Any], axes: Sequence[int | None], args: Seq
         for leaf, m in zip(leaves, maps, strict=True)
     ]
     body, out = trace(f, tree, one)
+    program = Program.from_jaxpr(body)
     # closed-over values become shared arguments, because they may be tracers
-    shared = (False,) * len(body.consts)
-    results = agent_map_p.bind(*body.consts, *leaves, jaxpr=body.jaxpr, mapped=shared + maps)
+    shared = (False,) * len(program.constants)
+    results = agent_map_p.bind(*program.constants, *leaves, jaxpr=program.jaxpr, mapped=shared + maps)
     return jax.tree.unflatten(out, results)
 
 
-def _vmapped(*args: Any, jaxpr: core.Jaxpr, mapped: tuple[bool, ...]) -> list[Any]:
+def _vmapped(*args: Any, jaxpr: Any, mapped: tuple[bool, ...]) -> list[Any]:
     """Evaluate the primitive by `jax.vmap`."""
-
-    def body(*args: Any) -> list[Any]:
-        consts = len(jaxpr.constvars)
-        return jax.core.eval_jaxpr(jaxpr, args[:consts], *args[consts:])
-
+    body = functools.partial(jax_internals.evaluate_jaxpr, jaxpr)
     return jax.vmap(body, in_axes=tuple(0 if m else None for m in mapped))(*args)
 
 
 def _jvp(primals: Sequence[Any], tangents: Sequence[Any], **params: Any) -> tuple[Any, Any]:
-    return jax.jvp(functools.partial(_vmapped, **params), tuple(primals), tuple(map(ad.instantiate_zeros, tangents)))
+    f = functools.partial(_vmapped, **params)
+    return jax.jvp(f, tuple(primals), jax_internals.dense_tangents(tangents))
 
 
 def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tuple[Any, Sequence[int]]:
@@ -77,17 +73,14 @@ def _batch(args: Sequence[Any], dims: Sequence[int | None], **params: Any) -> tu
     return out, [0] * len(out)
 
 
-agent_map_p.def_impl(_vmapped)
-agent_map_p.def_abstract_eval(
-    lambda *args, jaxpr, mapped: [
-        jax.core.ShapedArray((_size(args, mapped), *v.aval.shape), v.aval.dtype) for v in jaxpr.outvars
-    ]
-)
-mlir.register_lowering(agent_map_p, mlir.lower_fun(_vmapped, multiple_results=True))
-ad.primitive_jvps[agent_map_p] = _jvp
-batching.primitive_batchers[agent_map_p] = _batch
+def _abstract(*args: Any, jaxpr: Any, mapped: tuple[bool, ...]) -> list[Any]:
+    size = _size(args, mapped)
+    return [jax_internals.abstract_array((size, *v.aval.shape), v.aval.dtype) for v in Program(jaxpr, ()).results]
 
 
 def _size(args: Sequence[Any], mapped: Sequence[bool]) -> int:
     """Return the number of agents."""
     return next(a.shape[0] for a, m in zip(args, mapped, strict=True) if m)
+
+
+jax_internals.define_primitive(agent_map_p, _vmapped, _abstract, _jvp, _batch, _vmapped)

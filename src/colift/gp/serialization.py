@@ -19,7 +19,7 @@ from colift.gp.fitting import validate_data
 from colift.gp.hyperparameters import RANGE, Hyperparameters, make_hyperparameters, validate
 from colift.gp.kernels import SquaredExponential
 from colift.gp.posterior import GPPosterior, condition
-from colift.runtime import atomic_write
+from colift.runtime import atomic_write, bounded_read
 
 FORMAT = "colift gp 2"
 FIELD_NAMES = tuple(RANGE)
@@ -66,7 +66,7 @@ def load_gp(path: str | Path) -> GPPosterior:
     Raises:
         ValueError: If the file is damaged or not of this format; the message contains the path and the reason.
     """
-    content = Path(path).read_bytes()
+    content = bounded_read.read_bytes(path, bounded_read.MAX_LOG_BYTES)
     try:
         arrays = _read_arrays(content)
         _validate_arrays(arrays)

@@ -30,6 +30,7 @@ from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.onboard import interfaces
 from colift.onboard.control import tracking
+from colift.runtime import extras
 from colift.scenario import experiment
 
 try:
@@ -38,7 +39,9 @@ try:
     from gymnasium.vector import AutoresetMode
     from gymnasium.vector.utils import batch_space
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("Gymnasium is not installed: pip install 'colift[gym]'", name="gymnasium") from error
+    raise ModuleNotFoundError(
+        f"Gymnasium is not installed: {extras.install_command('gym')}", name="gymnasium"
+    ) from error
 
 BOUNDS = {  # of the observed quantities, in this order
     "e_p": 1.0,  # m, estimated position minus reference position
@@ -215,6 +218,13 @@ class StepResult:
     e_p: Float[Array, "*flights"]
 
 
+def _payload_controller(setup: simulator.LoopConfig) -> ResidualWrenchController:
+    """Return the payload controller of an environment."""
+    payload_controller = setup.controller.payload_controller
+    assert isinstance(payload_controller, ResidualWrenchController)  # ensured by `make_task`
+    return payload_controller
+
+
 @functools.partial(jax.jit, static_argnums=0)
 def step(
     ticks: int, setup: simulator.LoopConfig, loop: simulator.LoopState, wrench: Float[Array, "6"], seed: Int[Array, "2"]
@@ -231,7 +241,7 @@ def step(
     Returns:
         State, observation and reward after the step.
     """
-    payload_controller = dataclasses.replace(setup.controller.payload_controller, wrench=wrench)
+    payload_controller = dataclasses.replace(_payload_controller(setup), wrench=wrench)
     setup = dataclasses.replace(
         setup, controller=dataclasses.replace(setup.controller, payload_controller=payload_controller)
     )
@@ -462,7 +472,7 @@ class TransportVecEnv(gymnasium.vector.VectorEnv):
 
 def _spaces(task: TransportTask) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
     """Return the spaces of actions and observations."""
-    shape = task.setup.controller.payload_controller.initial_observation.shape
+    shape = _payload_controller(task.setup).initial_observation.shape
     return gymnasium.spaces.Box(-1.0, 1.0, (6,), np.float32), gymnasium.spaces.Box(-1.0, 1.0, shape, np.float32)
 
 

@@ -57,7 +57,7 @@ class Airframe:
 
     @property
     def effectiveness(self) -> np.ndarray:
-        """Control effectiveness matrix (4 by rotors): thrust and FRD moments per newton of each rotor."""
+        """Control effectiveness matrix (4 by rotors), thrust and FRD moments per newton of each rotor."""
         return np.array([np.ones(len(self.x)), -np.array(self.y), self.x, self.moment_ratio])
 
 

@@ -26,18 +26,25 @@ from colift.integrations import px4_frames
 from colift.math import so3
 from colift.models.measurement import AgentReading, Measurement
 from colift.models.state import AgentInput, ControlClock, State, TeamInputs
+from colift.runtime import extras
 from colift.simulation.world import GroundTruth
 
 try:
     from pymavlink.dialects.v20 import common as mavlink
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("pymavlink is not installed: pip install 'colift[px4]'", name="pymavlink") from error
+    raise ModuleNotFoundError(
+        f"pymavlink is not installed: {extras.install_command('px4')}", name="pymavlink"
+    ) from error
 
 HOST, PORT = "127.0.0.1", 4560  # default of PX4; its instance i connects to PORT + i
 RESPONSE_TIMEOUT = 10.0  # s, for a reply in lockstep
 ARMING_TIMEOUT = 0.002  # s, for a reply while autopilots start and arm
 ALL_FIELDS = 0b1101111111111  # `fields_updated`: all fields except the differential pressure
 GPS_PERIOD = 0.1  # s
+
+
+class AutopilotError(ConnectionError):
+    """Reply of an autopilot that cannot be used."""
 
 
 class AutopilotConnection:
@@ -69,29 +76,39 @@ class AutopilotConnection:
         self.connection.sendall(b"".join(message.pack(self.mav) for message in messages))
 
     def receive_actuators(self, time: int, timeout: float = RESPONSE_TIMEOUT) -> Any:
-        """Receive `HIL_ACTUATOR_CONTROLS` for the sensor data of a time or a later time; older messages are ignored.
-
-        A missing message raises `TimeoutError`.
+        """Receive `HIL_ACTUATOR_CONTROLS` for the sensor data of a time or a later time; other messages are ignored.
 
         Args:
             time: Time of the sensor data [us].
-            timeout: Maximum waiting time [s].
+            timeout: Maximum waiting time in total [s].
 
         Returns:
             The MAVLink message.
 
         Raises:
+            TimeoutError: If no such message arrives in time.
             ConnectionError: If the autopilot has closed the connection.
         """
-        self.connection.settimeout(timeout)
-        while True:
-            received = self.connection.recv(4096)
+        deadline = monotonic() + timeout
+        while (remaining := deadline - monotonic()) > 0:
+            self.connection.settimeout(remaining)
+            try:
+                received = self.connection.recv(4096)
+            except TimeoutError:
+                break
             if not received:
                 raise ConnectionError("the autopilot has closed the connection")
-            messages: Any = self.mav.parse_buffer(received) or ()
-            for message in messages:
+            for message in self._parse(received):
                 if message.get_type() == "HIL_ACTUATOR_CONTROLS" and message.time_usec >= time:
                     return message
+        raise TimeoutError(f"the autopilot has not replied within {timeout:g} s")
+
+    def _parse(self, received: bytes) -> Sequence[Any]:
+        """Return the MAVLink messages that end in the received bytes; bytes without a valid message are skipped."""
+        try:
+            return self.mav.parse_buffer(received) or ()
+        except mavlink.MAVError:
+            return ()
 
 
 @contextlib.contextmanager
@@ -158,7 +175,8 @@ def run_lockstep(
     """Simulate an experiment in lockstep with one autopilot per vehicle.
 
     The simulator protocol of PX4 does not transmit setpoints; `send_setpoint` must transmit them. An autopilot without
-    reply raises `TimeoutError`; one that closes its connection raises `ConnectionError`.
+    reply raises `TimeoutError`; one that closes its connection raises `ConnectionError`. An autopilot that disarms, or
+    that replies with a wrong time or with signals that are not finite, raises `AutopilotError`.
 
     Args:
         experiment: Experiment that defines world, controller, initial state and duration.
@@ -217,7 +235,10 @@ def run_lockstep(
         sample = jax.tree.map(lambda x, i=k % chunk: x[i], noise)
         readings, state, command, controller_state = _control(setup, state, controller_state, clock, sample)
         time = send(ticks_at_rest + k, command, readings)
-        replies = [np.asarray(link.receive_actuators(time).controls[: len(airframe.x)], float) for link in links]
+        replies = [
+            rotor_signals(link.receive_actuators(time), i, time, time + round(1e6 * dt), len(airframe.x))
+            for i, link in enumerate(links)
+        ]
         wrenches = [
             px4_frames.rotor_wrench(airframe, controls, float(limit))
             for controls, limit in zip(replies, thrust_max, strict=True)
@@ -232,6 +253,34 @@ def _is_armed(link: AutopilotConnection) -> bool:
         return bool(link.receive_actuators(0, ARMING_TIMEOUT).mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
     except TimeoutError:
         return False
+
+
+def rotor_signals(message: Any, autopilot: int, time: int, end: int, count: int) -> np.ndarray:
+    """Return the rotor signals of a reply, checked.
+
+    Args:
+        message: `HIL_ACTUATOR_CONTROLS`.
+        autopilot: Index of the autopilot, for the error message.
+        time: Time of the sensor data [us].
+        end: Time of the next sensor data [us].
+        count: Number of rotors.
+
+    Returns:
+        Signals of the rotors.
+
+    Raises:
+        AutopilotError: If the autopilot is disarmed, if the message is from the future, or if signals are not finite.
+    """
+    if not message.mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED:
+        raise AutopilotError(f"autopilot {autopilot} disarmed at {time} us")
+    if message.time_usec >= end:
+        raise AutopilotError(
+            f"autopilot {autopilot} replied for {message.time_usec} us to the sensor data of {time} us"
+        )
+    signals = np.asarray(message.controls[:count], float)
+    if not np.isfinite(signals).all():
+        raise AutopilotError(f"autopilot {autopilot} sent rotor signals that are not finite: {signals.tolist()}")
+    return signals
 
 
 def _list_unarmed(armed: Sequence[bool]) -> str:

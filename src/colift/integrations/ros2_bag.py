@@ -16,20 +16,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
 
 from colift.analysis import poses
+from colift.closed_loop import log
 from colift.math import so3
-from colift.math.linalg import matvec
 from colift.models import aerial_manipulator
-from colift.models.parameters import AerialManipulator, Team
+from colift.models.parameters import Team
+from colift.runtime import extras
 from colift.scenario import team as team_module
 
 try:
     from mcap.writer import Writer
     from rosbags.typesys import Stores, get_typestore
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("mcap and rosbags are not installed: pip install 'colift[mcap]'", name="mcap") from error
+    raise ModuleNotFoundError(
+        f"mcap and rosbags are not installed: {extras.install_command('mcap')}", name="mcap"
+    ) from error
 
 WORLD, PAYLOAD = "world", "payload"
 ROS = get_typestore(Stores.ROS2_JAZZY)
@@ -111,24 +113,23 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[BagTopic]:
         duplicates = sorted({name for name in names if names.count(name) > 1})
         raise ValueError(f"{', '.join(duplicates)}: frame names must be unique after the replacement of '-' by '_'")
     R_d = poses.desired_attitude(jnp.asarray(R_L), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
-    base, attitude = base_positions(ds, team), _quaternions(ds.R.values)
-    q_L, W = _quaternions(R_L), ds.W_d.values
+    base, attitude, q_L = poses.base_positions(ds, team), ds.q.values, ds.q_L.values
     transforms = [(WORLD, PAYLOAD, ds.p.values, q_L)]
     yield _pose("/payload/pose", ds.p.values, q_L)
-    yield _pose("/payload/reference", ds.p_d.values, _quaternions(R_d))
-    yield _wrench("/payload/wrench_desired", PAYLOAD, into_payload(W[:, :3]), W[:, 3:])
+    yield _pose("/payload/reference", ds.p_d.values, np.asarray(_quaternion_of(R_d)))
+    yield _wrench("/payload/wrench_desired", PAYLOAD, into_payload(ds.W_d_force.values), ds.W_d_moment.values)
+    joint_signals = [log.all_joints(ds, signal) for signal in ("r", "r_dot", "tau_r")]
+    joint_names = [str(name) for name in joint_signals[0].joint.values]
     for j, name in enumerate(agents):
         frame_id = frame[name]
         thrust = ds.u.values[:, j, None] * aerial_manipulator.E3
         transforms.append((WORLD, frame_id, base[:, j], attitude[:, j]))
         yield _pose(f"/{frame_id}/pose", base[:, j], attitude[:, j])
         yield _wrench(f"/{frame_id}/wrench", frame_id, thrust, ds.tau.values[:, j])
-        joint_indices = [k for k, joint in enumerate(ds.joint.values) if str(joint).startswith(f"{name}/")]
+        joint_indices = [k for k, joint in enumerate(joint_names) if joint.startswith(f"{name}/")]
         if joint_indices:
-            joints = [str(ds.joint.values[k]).partition("/")[2] for k in joint_indices]
-            yield _joints(
-                f"/{frame_id}/joint_states", joints, *(ds[x].values[:, joint_indices] for x in ("r", "r_dot", "tau_r"))
-            )
+            joints = [joint_names[k].partition("/")[2] for k in joint_indices]
+            yield _joints(f"/{frame_id}/joint_states", joints, *(x.values[:, joint_indices] for x in joint_signals))
     positions = np.concatenate([np.asarray(group.contact_position).reshape(-1, 3) for group in team.agent_groups])
     identity = np.tile([1.0, 0.0, 0.0, 0.0], (len(R_L), 1))
     for b, name in enumerate(contacts):
@@ -138,35 +139,7 @@ def _topics(ds: xr.Dataset, team: Team) -> Iterator[BagTopic]:
     yield _transforms(transforms)
 
 
-def base_positions(ds: xr.Dataset, team: Team) -> np.ndarray:
-    """Compute the positions of the base origins in the world frame: `x - R s(r)`, s: center of mass in the base frame.
-
-    Args:
-        ds: Log.
-        team: True parameters of the team.
-
-    Returns:
-        Positions by time and agent [m].
-    """
-    groups = [np.asarray(_base_origins(*group)) for group in poses.poses_by_group(ds, team)]
-    return np.concatenate(groups, axis=1)
-
-
-@jax.vmap
-def _base_origin(
-    agent: AerialManipulator, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]
-) -> Float[Array, "3"]:
-    """Compute the position of one base origin."""
-    return x - matvec(R, aerial_manipulator.center_of_mass(agent, r))
-
-
-_base_origins = jax.jit(jax.vmap(_base_origin, in_axes=(None, 0, 0, 0)))
 _quaternion_of = jax.jit(so3.quaternion)
-
-
-def _quaternions(R: Any) -> np.ndarray:
-    """Return the quaternions (w, x, y, z) of rotation matrices."""
-    return np.asarray(_quaternion_of(jnp.asarray(R)))
 
 
 def _ros_name(name: str) -> str:

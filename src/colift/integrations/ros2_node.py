@@ -31,6 +31,7 @@ from colift.closed_loop import flight
 from colift.models.measurement import AgentReading, Measurement, PayloadReading
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, TeamInputs
+from colift.runtime import extras
 from colift.scenario import Scenario, team
 
 PAYLOAD = "payload"
@@ -252,13 +253,8 @@ def _zero_measurement(team: Team) -> Measurement:
 
 
 def _compile_step(*args: Any) -> Callable[..., Any]:
-    """Compile a control period to native code, or by JAX if an operation has none, and call it once."""
-    step = lambda controller, *inputs: controller.step(*inputs)[:2]  # noqa: E731
-    try:
-        compiled = jax.jit(codegen.compile(step))
-        compiled.lower(*args)
-    except codegen.UnsupportedPrimitive:
-        compiled = jax.jit(step)
+    """Compile a control period and call it once."""
+    compiled = jax.jit(codegen.compile(lambda controller, *inputs: controller.step(*inputs)[:2]))
     jax.block_until_ready(compiled(*args))
     return compiled
 
@@ -282,15 +278,15 @@ def spin(experiment: flight.Experiment, names: RosNames, seconds: float = float(
         ModuleNotFoundError: If ROS 2 is not installed.
 
     Example:
-        >>> settings = colift.load("paper")  # doctest: +SKIP
-        >>> spin(make_experiment(settings, "C1"), names(settings))  # doctest: +SKIP
+        >>> settings = colift.load_scenario("paper")  # doctest: +SKIP
+        >>> spin(colift.make_experiment(settings, "C1"), names(settings))  # doctest: +SKIP
     """
     try:
         import rclpy
         from geometry_msgs.msg import PoseStamped, Vector3Stamped, WrenchStamped
         from sensor_msgs.msg import Imu, JointState
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError("ROS 2 is not installed: pip install 'colift[ros]'", name="rclpy") from error
+        raise ModuleNotFoundError(f"ROS 2 is not installed: {extras.install_command('ros')}", name="rclpy") from error
     message_types = {kind.__name__: kind for kind in (PoseStamped, Vector3Stamped, WrenchStamped, Imu, JointState)}
     controller_step, messages, received = ControllerStep(experiment, names), {}, {}
     rclpy.init()

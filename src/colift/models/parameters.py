@@ -65,7 +65,7 @@ class KinematicTree:
 
     @property
     def ancestors(self) -> np.ndarray:
-        """Boolean matrix with one row per body and one column per joint: true if joint k moves body i."""
+        """Boolean matrix with one row per body and one column per joint, true if joint k moves body i."""
         moved = np.zeros((self.joints + 1, self.joints), dtype=bool)
         for k, parent in enumerate(self.parents):
             moved[k + 1] = moved[parent]

@@ -142,8 +142,8 @@ class LeaderFollowerController:
         agent_controller: Controller of the agents.
         actuator_compensator: Compensation of the actuator dynamics; by default none.
         innovation_filter: Filter of the residual model's innovation; None disables it.
-        preview_step: Interval between the times at which the control law is evaluated on the reference [s]; None
-            disables the preview.
+        preview_step: Interval between the times at which the control law is evaluated on the reference [s], such as
+            `colift.onboard.control.preview.PREVIEW_STEP`; None disables the preview.
 
     Example:
         Replace the payload controller of an experiment::

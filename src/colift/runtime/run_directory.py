@@ -1,7 +1,10 @@
-"""Result folder of one run, to which one process at a time writes.
+"""Result folder of one run, to which one process at a time writes, and which is replaced by one rename.
 
 Every result file contains the identifier of its run: as an attribute of a NetCDF file, an entry of a JSON file, a
 keyword of a figure, or a column or line of a table. It is the same string in all files, so a text search finds it.
+
+A command writes to a hidden folder beside the results, which first receives the earlier files of the same run. At the
+end of the command the two folders are exchanged. A reader, also after a crash, finds all earlier or all new results.
 
 See Also:
     docs/decisions/0018-keep-one-run-per-directory: reasons.
@@ -10,26 +13,30 @@ See Also:
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import dataclasses
+import errno
 import fcntl
 import hashlib
 import json
 import os
 import re
 import secrets
+import shutil
 import socket
-import tempfile
+import sys
 import time
 from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
-from colift.runtime import signals
+from colift.runtime import bounded_read, signals
 
-LOCK_FILE = ".colift.lock"
-"""Name of the lock file in a run directory."""
+LOCK_SUFFIX = ".colift.lock"
+"""Suffix of the hidden lock file beside a run directory."""
 RUN_ID_PATTERN = re.compile(rb"colift-run-([0-9a-f]{12})")
 """Identifier of a run as it appears in files."""
+SUMMARY_FILE = "summary.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,12 +44,16 @@ class RunDirectory:
     """Folder that is locked for the files of one run.
 
     Attributes:
-        path: The folder.
+        path: Hidden folder to which the files are written.
+        target: Folder that contains the files after the command, as it was given.
         run_id: Identifier of the run.
+        replaced: Description of the earlier results that are removed; None if there are none.
     """
 
     path: Path
+    target: Path
     run_id: str
+    replaced: str | None = None
 
 
 def run_id(version: str, digest: str) -> str:
@@ -56,33 +67,51 @@ def run_id(version: str, digest: str) -> str:
 
 
 @contextlib.contextmanager
-def lock_run_directory(path: Path, run_id: str, patterns: Sequence[str]) -> Generator[RunDirectory]:
-    """Create a folder and lock it for this process; the lock is removed when the block ends.
+def stage_run_directory(
+    target: Path,
+    run_id: str,
+    patterns: Sequence[str],
+    *,
+    replace: bool = False,
+    keep_on_interrupt: bool = False,
+) -> Generator[RunDirectory]:
+    """Lock a folder for this process, and replace it by one rename when the block ends without an error.
 
-    A lock of a process that has ended is removed. A lock of another computer is respected, because its process cannot
-    be checked. Raises BlockingIOError, an OSError, if another process writes to the folder.
+    The block writes to the hidden folder `RunDirectory.path`. It contains the files of the target that belong to the
+    same run, and all files that colift did not write. If the block raises, the target stays as it was. A lock of a
+    process that has ended is removed. A lock of another computer is respected, because its process cannot be checked.
+    Raises BlockingIOError, an OSError, if another process writes to the folder.
 
     Args:
-        path: Folder.
+        target: Folder of the results.
         run_id: Identifier of the run.
         patterns: Names of the files that the run may write or replace, with `*` as a wildcard.
+        replace: Whether to remove all earlier results.
+        keep_on_interrupt: Whether the files are also valid results if the block raises `signals.Interrupted`.
 
     Yields:
         The locked folder.
 
     Raises:
-        OSError: If the folder cannot be written, or if a file with one of the names was not written by colift.
+        OSError: If the folder cannot be written, if it contains results of another run and `replace` is false, or if a
+            file with one of the names was not written by colift.
+        Interrupted: If the block raises it.
     """
-    _create_directory(path)
+    given, target = target, _resolve_target(target)
+    staging = target.parent / f".{target.name}.{os.getpid()}.new"
     with contextlib.ExitStack() as stack:
-        _lock(path / LOCK_FILE, stack)
-        _remove_partial_files(path)
-        foreign = [file.name for file in list_files(path, patterns) if read_run_id(file) is None]
-        if foreign:
-            raise OSError(
-                f"{path} contains {', '.join(foreign)}, which colift did not write: move it, or choose another --out"
-            )
-        yield RunDirectory(path, run_id)
+        _lock(target.parent / f".{target.name}{LOCK_SUFFIX}", target, stack)
+        _recover(target)
+        stack.callback(shutil.rmtree, staging, ignore_errors=True)
+        replaced = _check_contents(target, run_id, patterns, replace)
+        _copy_contents(target, staging, patterns if replaced else ())
+        try:
+            yield RunDirectory(staging, given, run_id, replaced)
+        except signals.Interrupted:
+            if keep_on_interrupt:
+                _publish(staging, target)
+            raise
+        _publish(staging, target)
 
 
 def list_files(path: Path, patterns: Sequence[str]) -> list[Path]:
@@ -104,57 +133,162 @@ def read_run_id(file: Path) -> str | None:
     Args:
         file: Result file of any format.
     """
-    found = RUN_ID_PATTERN.search(file.read_bytes())
+    found = RUN_ID_PATTERN.search(bounded_read.read_bytes(file, bounded_read.MAX_LOG_BYTES))
     return None if found is None else found.group().decode()
 
 
-def stale_files(directory: RunDirectory, patterns: Sequence[str]) -> list[Path]:
-    """List the matching files that belong to another run than the directory.
-
-    Args:
-        directory: Locked folder.
-        patterns: Names of files, with `*` as a wildcard.
-
-    Returns:
-        The files in alphabetical order; files without an identifier are not listed.
-    """
-    return [file for file in list_files(directory.path, patterns) if read_run_id(file) not in (None, directory.run_id)]
+# The exchange of folders ----------------------------------------------------------------------------------------------
 
 
-def remove_stale_files(directory: RunDirectory, patterns: Sequence[str], other_patterns: Sequence[str]) -> None:
-    """Remove files of earlier runs.
-
-    Args:
-        directory: Locked folder.
-        patterns: Names of files that are removed whatever their run, with `*` as a wildcard.
-        other_patterns: Names of files that are removed only if they belong to another run.
-    """
-    for file in list_files(directory.path, patterns) + stale_files(directory, other_patterns):
-        file.unlink(missing_ok=True)
-
-
-def _create_directory(path: Path) -> None:
-    """Create the folder and check that it can be written, so that errors occur before the simulation."""
+def _resolve_target(path: Path) -> Path:
+    """Return the absolute path of the target folder, and create its parents."""
     try:
-        path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
-    except FileExistsError:
-        raise OSError(f"cannot write to {path}: it is a file, not a folder") from None
+        target = path.resolve()
+        if target.exists() and not target.is_dir():
+            raise OSError(f"cannot write to {path}: it is a file, not a folder")
+        if os.path.ismount(target):
+            raise OSError(f"cannot write to {path}: it is the root of a file system; choose a folder below it")
+        if not target.name or Path.cwd().is_relative_to(target):
+            raise OSError(f"cannot write to {path}: it contains the current folder; choose a folder below it")
+        target.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise OSError(f"cannot write to {path}: a part of the path is a file, not a folder") from None
     except OSError as error:
-        raise OSError(error.errno, f"cannot write to {path}: {error.strerror or error}") from None
+        raise (
+            error if error.errno is None else OSError(error.errno, f"cannot write to {path}: {error.strerror}")
+        ) from None
+    return target
 
 
-def _remove_partial_files(path: Path) -> None:
-    """Remove partial files of killed processes; under the lock no other process writes files."""
-    for part in path.glob(".*.[0-9]*.part"):
-        part.unlink(missing_ok=True)
+def _recover(target: Path) -> None:
+    """Remove hidden folders of killed processes; restore the target if a process was killed between two renames."""
+    previous = _previous(target)
+    if previous.exists() and not target.exists():
+        previous.rename(target)
+    for leftover in (previous, *target.parent.glob(f".{_escape(target.name)}.[0-9]*.new")):
+        shutil.rmtree(leftover, ignore_errors=True)
+
+
+def _previous(target: Path) -> Path:
+    """Return the name of the replaced folder on file systems that cannot exchange two folders by one rename."""
+    return target.parent / f".{target.name}.previous"
+
+
+def _escape(name: str) -> str:
+    """Escape the wildcards of a name for `Path.glob`."""
+    return re.sub(r"([*?[])", r"[\1]", name)
+
+
+def _check_contents(target: Path, run_id: str, patterns: Sequence[str], replace: bool) -> str | None:
+    """Return a description of the earlier results to remove; None if there are none."""
+    files = {file: read_run_id(file) for file in list_files(target, patterns)}
+    if foreign := [file.name for file, run in files.items() if run is None]:
+        raise OSError(
+            f"{target} contains {', '.join(foreign)}, which colift did not write: move it, or choose another --out"
+        )
+    others = sorted({run for run in files.values() if run not in (None, run_id)})
+    if not others and not (replace and files):
+        return None
+    described = _describe(target, others)
+    if not replace:
+        raise OSError(f"{target} contains {described}: choose another --out, or remove these results by --replace")
+    return described
+
+
+def _describe(target: Path, runs: Sequence[str | None]) -> str:
+    """Describe the results in a folder; without runs, they belong to the run itself."""
+    try:
+        found = bounded_read.read_json(target / SUMMARY_FILE)
+        details = f"{found['scenario']}, seed {found['seed']}, colift {found['version']}"
+    except (OSError, ValueError, KeyError, TypeError):
+        details = ", ".join(map(str, runs)) or "no readable summary"
+    return f"{'results of another run' if runs else 'earlier results of this run'} ({details})"
+
+
+def _copy_contents(target: Path, staging: Path, excluded: Sequence[str]) -> None:
+    """Create the hidden folder with links to the contents of the target, except the excluded names.
+
+    Results are written to new files and renamed, so a link never changes the file of the target.
+    """
+    skipped = {file.name for file in list_files(target, excluded)}
+    try:
+        staging.mkdir()
+        for entry in sorted(target.iterdir()) if target.exists() else ():
+            if entry.name in skipped or re.fullmatch(r"\..*\.[0-9]+\.part", entry.name):
+                continue
+            if entry.is_dir() and not entry.is_symlink():
+                shutil.copytree(entry, staging / entry.name, symlinks=True, copy_function=_link)
+            else:
+                _link(entry, staging / entry.name)
+        if target.exists():
+            shutil.copystat(target, staging)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot write to {target}: {error.strerror or error}") from None
+
+
+def _link(source: str | Path, link: str | Path) -> None:
+    """Create a hard link; copy the file on file systems without hard links."""
+    try:
+        os.link(source, link, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(source, link, follow_symlinks=False)
+
+
+def _publish(staging: Path, target: Path) -> None:
+    """Exchange the hidden folder with the target, durably."""
+    try:
+        _sync(staging)
+        if not target.exists() or not any(target.iterdir()):
+            staging.rename(target)
+        elif not _exchange(staging, target):
+            previous = _previous(target)
+            target.rename(previous)
+            try:
+                staging.rename(target)
+            except OSError:
+                previous.rename(target)
+                raise
+            shutil.rmtree(previous, ignore_errors=True)
+        _sync(target.parent)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot write to {target}: {error.strerror or error}") from None
+
+
+def _exchange(first: Path, second: Path) -> bool:
+    """Exchange two folders by one rename; return False if the system or the file system does not support it."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    a, b = os.fsencode(first), os.fsencode(second)
+    at_cwd = ctypes.c_int(-100)
+    if sys.platform == "linux" and hasattr(libc, "renameat2"):
+        status = libc.renameat2(at_cwd, a, at_cwd, b, ctypes.c_uint(2))  # RENAME_EXCHANGE
+    elif sys.platform == "darwin" and hasattr(libc, "renamex_np"):
+        status = libc.renamex_np(a, b, ctypes.c_uint(2))  # RENAME_SWAP
+    else:
+        return False
+    if status == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+        return False
+    raise OSError(number, os.strerror(number))
+
+
+def _sync(path: Path) -> None:
+    """Write the entries of a folder to the disk, if its file system supports this."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(descriptor)
 
 
 # The lock -------------------------------------------------------------------------------------------------------------
 
 
-def _lock(lock: Path, stack: contextlib.ExitStack) -> None:
+def _lock(lock: Path, target: Path, stack: contextlib.ExitStack) -> None:
     """Create the lock file with the owner's identity; O_EXCL admits one process, also over NFS."""
     owner = {
         "host": socket.gethostname(),
@@ -170,20 +304,21 @@ def _lock(lock: Path, stack: contextlib.ExitStack) -> None:
                 file.write(content)
             return
         except FileExistsError:
-            _remove_stale_lock(lock)
+            _remove_stale_lock(lock, target)
         except OSError as error:
-            lock.unlink(missing_ok=True)
-            raise OSError(error.errno, f"cannot write {lock}: {error.strerror}") from None
+            with contextlib.suppress(OSError):  # the first error is reported
+                lock.unlink()
+            raise OSError(error.errno, f"cannot write to {target}: {error.strerror}") from None
 
 
 def _release(lock: Path, content: bytes) -> None:
     """Remove the lock file if it has this content."""
-    with contextlib.suppress(FileNotFoundError):
+    with contextlib.suppress(OSError):  # the results are complete; the next command removes the lock
         if lock.read_bytes() == content:
             lock.unlink()
 
 
-def _remove_stale_lock(lock: Path) -> None:
+def _remove_stale_lock(lock: Path, target: Path) -> None:
     """Remove a lock whose process has ended.
 
     One process at a time executes this, so a stale lock cannot be replaced by a new one before it is removed.
@@ -202,7 +337,7 @@ def _remove_stale_lock(lock: Path) -> None:
                 since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(owner["since"]))
                 process = f"process {owner['pid']} on {owner['host']} has been writing to it since {since}"
                 remedy = "" if is_local else f"; if that process has ended, remove {lock}"
-                raise BlockingIOError(f"{lock.parent} is in use: {process}; wait, or choose another --out{remedy}")
+                raise BlockingIOError(f"{target} is in use: {process}; wait, or choose another --out{remedy}")
         lock.unlink(missing_ok=True)
 
 

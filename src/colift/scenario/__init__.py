@@ -9,14 +9,17 @@ validation        pydantic errors as messages
 yaml_tree         YAML text as plain data with line numbers
 loading           file to settings, or to all errors with their lines
 migration         conversion of files of schema 1
+former_settings   places and fields that replace settings of earlier files
 from_urdf         agent type from a URDF file
 from_csv          waypoints from a table
+from_table        sampled reference from a table of poses
+packing           tables of numbers as text
 dumping           settings to the text of a file
 schema_docs       reference page of the settings
 template          text of a new scenario
 conversion        settings to arrays, rotations, lags and user-defined parts
 team              agents by group and by name; true and nominal team
-trajectories      reference trajectory
+trajectories      reference trajectory and headings of the agents
 disturbances      disturbances and their attachment
 world             plant, actuators, sensors
 initial_states    initial state and equilibrium

@@ -35,7 +35,7 @@ def bound_assumptions(
         for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)
     ]
     within = False
-    if learning.label_source == "calibration_rig":
+    if learning.rig_label_error is not None:
         of_payload = np.concatenate([rig.payload.F, rig.payload.tau])
         of_agents = [np.concatenate([e.f_x, e.f_w, e.f_r], axis=1) for e in rig.agents]
         payload = of_payload if given.payload_label_error is None else payload
@@ -84,7 +84,7 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
         Assumptions that hold.
     """
     given, learning = settings.certificate, settings.learning
-    rig, fixed = learning.label_source == "calibration_rig", learning.hyperparameters == "fixed"
+    rig, fixed = learning.rig_label_error is not None, learning.hyperparameters == "fixed"
     drawn = settings.random_residual is not None and settings.random_residual.rkhs_norm <= given.rkhs_norm
     is_nominal = not settings.disturbances and settings.nominal == schema.NominalModel()
     holds = {
@@ -102,15 +102,15 @@ def _met(settings: schema.Scenario, within: bool) -> frozenset[BoundAssumption]:
     return frozenset(assumption for assumption, true in holds.items() if true)
 
 
-def _label_errors(given: schema.LabelError | None, prior: schema.GPPrior, joints: int) -> np.ndarray:
+def _label_errors(given: schema.ForceMagnitudes | None, prior: schema.GPPrior, joints: int) -> np.ndarray:
     """Return the bounds `(6 + joints,)`; default: three standard deviations of the label noise."""
-    source = (
-        [3 * prior.force_noise_std_N, 3 * prior.moment_noise_std_Nm]
-        if given is None
-        else [given.force_error_N, given.moment_error_Nm]
-    )
-    if isinstance(given, schema.AgentLabelError):
-        source.append(given.joint_torque_error_Nm)
-    elif isinstance(prior, schema.AgentGPPrior):
-        source.append(3 * prior.joint_torque_noise_std_Nm)
+    source = _magnitudes(prior.noise_std, 3.0) if given is None else _magnitudes(given, 1.0)
     return np.repeat(source, [3, 3, joints][: len(source)])
+
+
+def _magnitudes(given: schema.ForceMagnitudes, factor: float) -> list[float]:
+    """Return a multiple of the values of force, moment and, of an agent, joint outputs."""
+    values = [given.force_N, given.moment_Nm]
+    if isinstance(given, schema.AgentForceMagnitudes):
+        values.append(given.joint_torque_Nm)
+    return [factor * value for value in values]

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from colift.closed_loop import part_checks
 from colift.models import grasp
 from colift.models.parameters import AerialManipulator, Team
 from colift.onboard import controller, interfaces
@@ -18,6 +19,7 @@ from colift.onboard.control import (
     allocators,
     label_feedback,
     payload_controllers,
+    preview,
     tracking,
 )
 from colift.onboard.control.allocation import (
@@ -108,7 +110,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     """
     allocation_map, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings)
-    recorder = RigRecorder if learning.label_source == "calibration_rig" else DataRecorder
+    recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
     agent_controller = (
         agent_controllers.ThrustVectoringController
@@ -131,31 +133,38 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         payload_controller=payload_controllers.GeometricTracking(gains=gain),
         allocator=allocators.LinearAllocator(allocation=allocation_map, internal=internal),
         agent_controller=agent_controller(
-            gains=gain, yaw=team_module.initial_yaw(settings), nominal_posture=team_module.nominal_posture(settings)
+            gains=gain, yaw=trajectories.headings(settings), nominal_posture=team_module.nominal_posture(settings)
         ),
         actuator_compensator=_drive(settings),
         preview_step=None if preview_step is None else array(preview_step),
     )
     user_defined = {
         name: build_plugin(part, f"plugins.{name}", kind, default)
-        for name, kind in CONTROLLER_PARTS.items()
-        if (part := getattr(settings.plugins, name)) is not None
+        for name, kind in part_checks.CONTROLLER_PARTS.items()
+        if (part := getattr(settings.plugins, name, None)) is not None
     }
     return dataclasses.replace(default, **user_defined)
 
 
 def with_preview(
-    settings: schema.Scenario, base: controller.LeaderFollowerController
+    base: controller.LeaderFollowerController, step: float = preview.PREVIEW_STEP
 ) -> controller.LeaderFollowerController:
-    """Return the controller with a preview of the reference; unchanged if it has one already."""
+    """Return the controller with a preview of the reference; unchanged if it has one already.
+
+    Args:
+        base: Controller.
+        step: Interval between two times of the preview [s].
+
+    Returns:
+        Controller whose agents use attitude rates from the preview.
+    """
     if base.preview_step is not None or type(base.agent_controller) is not agent_controllers.ThrustVectoringController:
         return base
     fields = {
         field.name: getattr(base.agent_controller, field.name) for field in dataclasses.fields(base.agent_controller)
     }
-    step = array(settings.online_correction.preview_step_s)
     return dataclasses.replace(
-        base, agent_controller=agent_controllers.PreviewThrustVectoringController(**fields), preview_step=step
+        base, agent_controller=agent_controllers.PreviewThrustVectoringController(**fields), preview_step=array(step)
     )
 
 
@@ -167,30 +176,46 @@ def with_innovation_filter(
     Args:
         settings: Scenario.
         base: Controller.
-        hold_correction: True keeps the correction constant without labels, extrapolates it by `lead_time_s`, and uses
-            the residual model without scaling. False lets the correction decay, and extrapolates it by the label delay
-            to the degree that past rate predictions were confirmed.
+        hold_correction: True keeps the correction constant without labels, extrapolates it by a constant lead time, and
+            uses the residual model without scaling. False lets the correction decay, and extrapolates it by the label
+            delay to the degree that past rate predictions were confirmed.
 
     Returns:
         Controller with an innovation filter.
     """
-    given, filters = settings.online_correction, _filters(settings)
-    innovation_filter = residual_correction.InnovationFilter(
-        filters=filters, hold_time=array(given.hold_time_s), averaging_time=array(given.averaging_time_s)
-    )
+    filters = _filters(settings)
+    innovation_filter = residual_correction.InnovationFilter(filters=filters)
     if hold_correction:
         innovation_filter = dataclasses.replace(
             innovation_filter, decay_time=array(np.inf), variance_ratio=array(0.0), coherence=array(0.0)
         )
-    lead = array(given.lead_time_s) if hold_correction else filters.label_delay()
     attenuation = tuple(
         array([label_feedback.rate_attenuation(gain) for gain in group])
         for group in label_loop_gains(settings, base.team)
     )
-    predictor = residual_predictors.InnovationCorrection(
-        base=base.residual_predictor, lead_time=lead, rate_attenuation=attenuation
-    )
+    predictor = residual_predictors.InnovationCorrection(base=base.residual_predictor, rate_attenuation=attenuation)
+    if not hold_correction:
+        predictor = dataclasses.replace(predictor, lead_time=filters.label_delay())
     return dataclasses.replace(base, innovation_filter=innovation_filter, residual_predictor=predictor)
+
+
+def with_lead_time(base: controller.LeaderFollowerController, lead_time: float) -> controller.LeaderFollowerController:
+    """Return the controller with another lead time of its feedback correction.
+
+    Args:
+        base: Controller of case `label_feedback`, `gp_label_feedback` or `adaptive`.
+        lead_time: Time by which the correction is extrapolated [s].
+
+    Returns:
+        Controller with the lead time.
+
+    Raises:
+        TypeError: If the controller has no feedback correction.
+    """
+    predictor = base.residual_predictor
+    if not isinstance(predictor, residual_predictors.InnovationCorrection):
+        raise TypeError(f"the residual predictor is a {type(predictor).__name__}, not an InnovationCorrection")
+    return dataclasses.replace(base, residual_predictor=dataclasses.replace(predictor, lead_time=array(lead_time)))
 
 
 def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float, ...], ...]:
@@ -223,12 +248,3 @@ def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:
     if nominal is None:
         return actuator_compensation.NoCompensation()
     return actuator_compensation.LagInversion(lag=actuator_lag(nominal, settings))
-
-
-CONTROLLER_PARTS: dict[str, type] = {
-    "payload_controller": interfaces.PayloadController,
-    "allocator": interfaces.Allocator,
-    "agent_controller": interfaces.AgentController,
-    "estimator": interfaces.Estimator,
-    "residual_predictor": interfaces.ResidualPredictor,
-}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 import jax
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from colift.closed_loop import part_checks
 from colift.math import so3
 from colift.math.linalg import matmul
 from colift.models.actuator_lag import ActuatorLag
@@ -62,10 +63,39 @@ def build_plugin(plugin: schema.PluginReference, location: str, kind: type[P], *
         ScenarioError: If the part does not have the interface.
     """
     build = getattr(plugin.settings, "build")  # noqa: B009  `plugins.plugin_settings` requires the method
-    made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), build(*arguments))
-    if not isinstance(made, kind):
+    try:
+        part = build(*arguments)
+    except Exception as error:  # a user-defined method may raise any exception
+        raise ScenarioError(f"{location}: {plugin.class_path}.build: {type(error).__name__}: {error}") from error
+    built = f"{location}: {plugin.class_path} built a value of type {type(part).__name__}"
+    if jax.tree_util.all_leaves([part]):
+        raise ScenarioError(f"{built}, which is not a PyTree; decorate its class with `colift.math.pytree.pytree`")
+    try:
+        made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), part)
+    except TypeError as error:
         raise ScenarioError(
-            f"{location}: {plugin.class_path} built a value of type {type(made).__name__}, "
-            f"which is no {kind.__module__}.{kind.__name__} (docs/change_a_part.md)"
-        )
+            f"{built} with a field that is no number or array ({error}); declare it by `colift.math.pytree.static`"
+        ) from None
+    if not isinstance(made, kind):
+        missing = [name for name in vars(kind) if name[0] != "_" and not hasattr(made, name)]
+        is_protocol = getattr(kind, "_is_protocol", False)
+        reason = f"it has no method {', '.join(missing)}" if is_protocol else "its class must extend it"
+        interface = f"{kind.__module__}.{kind.__name__}"
+        raise ScenarioError(f"{built}, which is no {interface}: {reason} (docs/change_a_part.md)")
     return made
+
+
+def check_plugin(check: Callable[..., None], *arguments: Any) -> None:
+    """Check user-defined parts; their errors become errors of the scenario.
+
+    Args:
+        check: Function of `colift.closed_loop.part_checks`.
+        *arguments: Its arguments.
+
+    Raises:
+        ScenarioError: If a part does not fit its interface.
+    """
+    try:
+        check(*arguments)
+    except part_checks.PartError as error:
+        raise ScenarioError(f"{error} (docs/change_a_part.md)") from error

@@ -310,11 +310,11 @@ def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         most = f"{LOG_BYTES / 1e9:g} GB are allowed, {LOG_BYTES / log * duration:.4g} s"
         yield ("duration_s",), f"the log of this team at {rate:g} Hz would take {log / 1e9:.3g} GB; {most}"
     outputs = model_outputs(data)
-    for location in (("learning", "max_samples"), ("random_residual", "num_centers")):
-        models = 8 * outputs * _number(data, *location) ** 2
-        if models > MODEL_BYTES:
-            most = f"{MODEL_BYTES / 1e9:g} GB are allowed, {math.isqrt(int(MODEL_BYTES / 8 / outputs))} points"
-            yield location, f"the {outputs} outputs of the models would take {models / 1e9:.3g} GB; {most}"
+    models = 8 * outputs * _number(data, "learning", "max_samples") ** 2
+    if models > MODEL_BYTES:
+        most = f"{MODEL_BYTES / 1e9:g} GB are allowed, {math.isqrt(int(MODEL_BYTES / 8 / outputs))} points"
+        words = f"the {outputs} outputs of the models would take {models / 1e9:.3g} GB; {most}"
+        yield ("learning", "max_samples"), words
 
 
 def log_size(data: dict[str, Any]) -> int:

@@ -8,8 +8,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from colift.closed_loop import part_checks
 from colift.scenario import schema, team
-from colift.scenario.conversion import array, build_plugin, rows
+from colift.scenario.conversion import array, build_plugin, check_plugin, rows
 from colift.scenario.cross_checks import bodies
 from colift.simulation.disturbances import (
     AgentDisturbance,
@@ -100,6 +101,13 @@ def _wind(source: schema.Wind) -> Wind | TimeVaryingWind:
     )
 
 
+def _plugin(source: schema.PluginDisturbance) -> DisturbanceModel:
+    """Return a user-defined disturbance, checked."""
+    model = build_plugin(source, f"disturbances: {source.name}", DisturbanceModel)
+    check_plugin(part_checks.check_disturbance, source.name, model)
+    return model
+
+
 DISTURBANCE_MODELS: dict[type, Callable[..., DisturbanceModel]] = {
     schema.ConstantWrench: lambda x: ConstantWrench(force=array(x.force_N), torque=array(x.torque_Nm)),
     schema.Wind: _wind,
@@ -108,5 +116,5 @@ DISTURBANCE_MODELS: dict[type, Callable[..., DisturbanceModel]] = {
     ),
     schema.GaussianJet: lambda x: GaussianJet(force=array(x.force_N), center=array(x.center_m), width=array(x.std_m)),
     schema.RotorBias: lambda x: RotorBias(thrust=array(x.thrust_N), torque=array(x.torque_Nm)),
-    schema.PluginDisturbance: lambda x: build_plugin(x, f"disturbances: {x.name}", DisturbanceModel),
+    schema.PluginDisturbance: _plugin,
 }

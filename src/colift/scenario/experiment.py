@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift import gp
-from colift.closed_loop import flight
+from colift.closed_loop import flight, part_checks
 from colift.math.pytree import pytree
 from colift.models import inverse_dynamics
 from colift.models.parameters import Team
@@ -38,6 +38,7 @@ from colift.scenario import (
     termination,
 )
 from colift.scenario import world as world_module
+from colift.scenario.conversion import check_plugin
 from colift.simulation import disturbances as disturbances_module
 from colift.simulation.world import SimulatedWorld
 
@@ -96,8 +97,9 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         Experiment by case.
 
     Raises:
-        ScenarioError: If a grasp, an allocation or an initial state is impossible, if the team cannot hover, or if a
-            disturbance has an internal state in case `true_residual`.
+        ScenarioError: If a grasp, an allocation or an initial state is impossible, if the team cannot hover, if a
+            user-defined part does not fit its interface, or if a disturbance has an internal state in case
+            `true_residual`.
         KeyError: If there is no such case.
     """
     cases = [case_id(case) for case in cases]
@@ -111,9 +113,9 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     if drawn is not None:
         function, deviation = drawn
         sources = dataclasses.replace(sources, state_functions=(residual_model.ResidualFunction(model=function),))
-        error = jax.tree.map(lambda f: given.rig_label_error * f, deviation)
+        if (share := given.rig_label_error) is not None:
+            error = jax.tree.map(lambda f: share * f, deviation)
     controller = controllers.make_controller(settings, nominal)
-    termination.true_hover_thrust(settings, truth, controller, sources)
     c1 = flight.Experiment(
         world=world_module.make_world(settings, truth, z, sources, error),
         controller=controller,
@@ -130,6 +132,8 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         seed=settings.seed,
         fit_latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
+    check_plugin(part_checks.check_parts, c1)
+    termination.true_hover_thrust(settings, truth, controller, sources)
     return {case: _case_experiment(case, c1, settings) for case in cases}
 
 
@@ -138,7 +142,6 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
     tuning, given = settings.baselines, settings.learning
     learned, agents = case in LEARNING_CASES, case in AGENT_LEARNING_CASES
     controller = c1.controller
-    ridge = tuning.ridge_alpha, tuning.ridge_alpha_moment or tuning.ridge_alpha
     recorder = dataclasses.replace(controller.recorder, payload=jnp.asarray(learned), agents=jnp.asarray(agents))
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
@@ -151,8 +154,9 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
                 ),
             )
         case "disturbance_observer":
-            bandwidth = jnp.asarray((tuning.dob_force_Hz, tuning.dob_moment_Hz or tuning.dob_force_Hz))
-            observer = residual_predictors.DisturbanceObserver(base=controller.residual_predictor, bandwidth=bandwidth)
+            observer = residual_predictors.DisturbanceObserver(
+                base=controller.residual_predictor, bandwidth=jnp.asarray(tuning.dob_Hz)
+            )
             controller = dataclasses.replace(controller, residual_predictor=observer)
         case "true_residual":
             if stateful := disturbances_module.stateful_names(c1.world.disturbances):
@@ -160,25 +164,26 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
                     f"{settings.name}: case true_residual evaluates residuals as functions of state and time; "
                     f"these disturbances have an internal state: {', '.join(stateful)}"
                 )
-            controller = controllers.with_preview(settings, controller)
+            controller = controllers.with_preview(controller)
             true_residual = TrueResidualFunction(world=c1.world, nominal=controller.team)
             controller = dataclasses.replace(
                 controller, residual_predictor=residual_predictors.TrueResidual(function=true_residual)
             )
         case "regression":
-            controller = controllers.with_preview(settings, controller)
+            controller = controllers.with_preview(controller)
             no_samples = controller.recorder.init(controller.team, controller.residual_model)
             controller = dataclasses.replace(
-                controller, residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, ridge)
+                controller,
+                residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, tuning.ridge_alpha),
             )
         case "label_feedback" | "gp_label_feedback" | "adaptive":
             controller = controllers.with_innovation_filter(
-                settings, controllers.with_preview(settings, controller), hold_correction=case != "adaptive"
+                settings, controllers.with_preview(controller), hold_correction=case != "adaptive"
             )
     prior = np.array(
         [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
     )
-    noise = np.array([given.payload.force_noise_std_N] * 3 + [given.payload.moment_noise_std_Nm] * 3)
+    noise = np.array([given.payload.noise_std.force_N] * 3 + [given.payload.noise_std.moment_Nm] * 3)
     parameters = online_learner.IdentificationOptions(
         label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
     )
@@ -186,15 +191,18 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
         c1,
         controller=controller,
         update_times=given.update_times_s if learned else (),
-        identification={"parametric": parameters, "regression": online_learner.RidgeOptions(ridge=ridge)}.get(case),
+        identification={
+            "parametric": parameters,
+            "regression": online_learner.RidgeOptions(ridge=tuning.ridge_alpha),
+        }.get(case),
     )
     return _with_online_updates(experiment, settings) if case == "adaptive" else experiment
 
 
 def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """Return the experiment with periodic model updates and refits, and position-only models with parametric means."""
-    given = settings.online_correction
-    first, last = settings.learning.update_times_s[0], settings.learning.update_times_s[-1]
+    given = settings.learning
+    first, last = given.update_times_s[0], given.update_times_s[-1]
     times = np.arange(first, settings.duration_s, given.update_period_s)[1:]
     fits = np.arange(last, settings.duration_s, given.refit_period_s)[1:]
     recorder = dataclasses.replace(
@@ -211,8 +219,7 @@ def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> f
         fit_options=priors.position_only_options(settings, experiment.controller.team),
         online_updates=online_learner.OnlineUpdateOptions(
             times=tuple(times.tolist()),
-            nis_threshold=given.nis_threshold,
-            min_samples=min(online_learner.OnlineUpdateOptions.min_samples, settings.learning.max_samples),
+            min_samples=min(online_learner.OnlineUpdateOptions.min_samples, given.max_samples),
             mean_prior=priors.mean_prior(settings, experiment.controller.team),
         ),
     )

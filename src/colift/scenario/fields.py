@@ -39,6 +39,11 @@ def _repeat_three_times(given: Any) -> Any:
     return (given,) * 3 if isinstance(given, int | float) and not isinstance(given, bool) else given
 
 
+def _twice(given: Any) -> Any:
+    """Repeat a single number for force and moment."""
+    return (given,) * 2 if isinstance(given, int | float) and not isinstance(given, bool) else given
+
+
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True)]
 
@@ -57,6 +62,8 @@ Axis = tuple[Direction, Direction, Direction]
 JointAngle = Annotated[
     Number, Field(ge=-63, le=63), range_reason("ten revolutions; larger values are probably in degrees")
 ]
+JointRate = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("larger limits mean that there is none")]
+JointEffort = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("the weight of 100 t, or its moment at 1 m")]
 
 # Space and motion -----------------------------------------------------------------------------------------------------
 
@@ -69,6 +76,7 @@ Position = tuple[Coordinate, Coordinate, Coordinate]
 Length = Annotated[Number, Field(ge=0, le=1e4), _FAR]
 Extents = tuple[Length, Length, Length]
 Distance = Annotated[Number, Field(ge=1e-3, le=1e4), _FAR]
+PathDeviation = Annotated[Number, Field(ge=1e-6, le=10), range_reason("from a micrometre to 10 m")]
 Width = Annotated[Number, Field(ge=0.01, le=1e4), range_reason("from 1 cm to 10 km")]
 Speed = Annotated[Number, Field(ge=-340, le=340), _SOUND]
 Velocity = tuple[Speed, Speed, Speed]
@@ -81,6 +89,7 @@ Angles = tuple[Degrees, Degrees, Degrees]
 HalfTurn = Annotated[Number, Field(ge=-180, le=180), range_reason("a rotation vector has at most half a revolution")]
 AnyAngle = Annotated[Number, Field(ge=1, le=180), range_reason("180 deg permits every attitude")]
 RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
+AngularDeviation = Annotated[Number, Field(ge=1e-4, le=30), range_reason("from rounding to a loose fit")]
 Wavenumber = Annotated[
     Number,
     Field(ge=-63, le=63),
@@ -92,6 +101,9 @@ WaveVector = tuple[Wavenumber, Wavenumber, Wavenumber]
 
 Duration = Annotated[Number, Field(ge=0.1, le=1e5), range_reason("from a few control periods to a day")]
 Time = Annotated[Number, Field(ge=0, le=1e5), range_reason("one day")]
+Instant = Annotated[Number, Field(ge=-1e5, le=1e5), range_reason("one day")]
+TimeOffset = Annotated[Number, Field(ge=-1e11, le=1e11), range_reason("the time since 1970 is 2e9 s")]
+TimeScale = Annotated[Number, Field(ge=0.01, le=100), range_reason("a hundred times slower or faster")]
 Span = Annotated[Number, Field(ge=1e-3, le=1e5), range_reason("from a millisecond to a day")]
 PreviewStep = Annotated[
     Number,
@@ -106,6 +118,7 @@ ControlRate = Annotated[
     range_reason("attitude loops require 20 Hz; flight computers reach 10 kHz"),
 ]
 Rate = Annotated[Number, Field(ge=1e-3, le=1e4), range_reason("from once in 17 minutes to the highest control rate")]
+Rates = Annotated[tuple[Rate, Rate], BeforeValidator(_twice)]
 Bandwidth = Annotated[
     Number, Field(ge=1e-3, le=1e6), range_reason("from a time constant of minutes to values far above the control rate")
 ]
@@ -143,10 +156,10 @@ Gain = Annotated[Number, Field(ge=1e-6, le=1e8), range_reason("unstable at every
 GainOrNone = Annotated[Number, Field(ge=0, le=1e8), range_reason("unstable at every permitted control rate")]
 Gains = Annotated[tuple[Gain, Gain, Gain], BeforeValidator(_repeat_three_times)]
 Deviation = Annotated[Number, Field(ge=1e-9, le=1e6), range_reason("from 1e-9 N to the weight of 100 t")]
+Deviations = Annotated[tuple[Deviation, Deviation], BeforeValidator(_twice)]
 Lengthscale = Annotated[
     Number, Field(ge=0.1, le=30), range_reason("bounds of the length-scales in the fit (`gp.HyperPrior`)")
 ]
-Factor = Annotated[Number, Field(ge=1.01, le=100), range_reason("a ratio above 1")]
 Norm = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("larger norms make a bound uninformative")]
 Ratio = Annotated[Number, Field(ge=0, le=100), range_reason("100 times the reference quantity")]
 Fraction = Annotated[Number, Field(ge=0, le=0.99), range_reason("a share of less than 1")]
@@ -154,6 +167,5 @@ Confidence = Annotated[Number, Field(gt=0, lt=1), range_reason("a probability")]
 Capacity = Annotated[
     Count, Field(ge=2, le=20_000), range_reason("a fit requires two samples; matrices grow with the square")
 ]
-Centers = Annotated[Count, Field(ge=1, le=20_000), range_reason("matrices grow with the square")]
 Substeps = Annotated[Count, Field(ge=1, le=1000), range_reason("more steps make the simulation very slow")]
 Seed = Annotated[Count, Field(ge=0, le=2**63 - 1), range_reason("63 bits, the range of the random number generator")]

@@ -37,7 +37,9 @@ def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], li
                     poses.append(pose)
                     errors += [f"line {rows.line_num}: {message}" for message in found]
                 if len(poses) > MAX_ENTRIES:
-                    errors.append(f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed")
+                    errors.append(
+                        f"line {rows.line_num}: at most {MAX_ENTRIES} poses are allowed; kind: sampled reads more"
+                    )
                     break
     except OSError as error:
         errors, poses = [f"cannot be read: {error.strerror or error}"], []

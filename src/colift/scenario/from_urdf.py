@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from colift.models import urdf
-from colift.scenario import fields
+from colift.models import urdf_parser
+from colift.models.link_tree import PRISMATIC, ChoiceRequiredError, LinkTree, reduce_tree
+from colift.models.robot import Robot
+from colift.scenario import fields, names
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
-from colift.scenario.schema import NAME, ZERO, AgentType, Name, Section
+from colift.scenario.schema import ZERO, AgentType, Name, Section
+
+MAX_FROZEN = 1000
+ArmNumbers = tuple[str, int, np.ndarray]
+"""Name of an arm, index of its body, and its tip in the frame of the body [m]."""
 
 
 class Tip(Section):
@@ -42,29 +47,47 @@ class AgentTypeFromUrdf(Section):
     """Largest thrust; larger commands are limited, and the log marks the tick as saturated."""
     tips: Annotated[tuple[Annotated[Tip, BeforeValidator(_link)], ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Links with a contact, one per arm: the name of a link, or a tip with an offset."""
+    frozen: Annotated[tuple[str, ...], Field(max_length=MAX_FROZEN)] = ()
+    """Joints that are fixed at their nominal positions, such as those of rotors and grippers."""
     mimic_joints: Literal["frozen", "independent"] | None = None
-    """Treatment of joints with `<mimic>`, which the model does not support: `frozen` at the rest position of the joint
-    they follow, or `independent`. By default a file with such joints is rejected."""
+    """Treatment of joints with `<mimic>`, which the model does not support: `frozen` at the nominal position of the
+    joint they follow, or `independent`. By default a file with such joints is rejected."""
+    inertia: Literal["strict", "balanced"] = "strict"
+    """Treatment of inertias that violate the triangle inequality: `strict` rejects them; `balanced` replaces the
+    principal moments by the closest ones that satisfy it."""
     nominal_position_rad: dict[str, fields.JointAngle] = Field(default_factory=dict, max_length=MAX_ENTRIES)
-    """Rest positions of revolute joints by name; default 0."""
+    """Nominal positions of revolute joints by name; default 0."""
     nominal_position_m: dict[str, fields.BodyLength] = Field(default_factory=dict, max_length=MAX_ENTRIES)
-    """Rest positions of prismatic joints by name; default 0."""
+    """Nominal positions of prismatic joints by name; default 0."""
 
 
 def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """Return the agent type in plain numbers, and its errors as `(location, message)`."""
     try:
-        robot = urdf.load_urdf(
-            folder / section.urdf, section.mimic_joints, section.nominal_position_rad | section.nominal_position_m
-        )
+        tree = urdf_parser.read_urdf(folder / section.urdf)
     except OSError as error:
         return {}, [(("urdf",), f"{format_value(section.urdf)} cannot be read: {error.strerror or error}")]
     except ValueError as error:
         return {}, [(("urdf",), str(error))]
-    errors = list(_errors(section, robot))
+    errors = list(_errors(section, tree))
     if errors:
         return {}, errors
-    numbers = _numbers(section, robot)
+    joints = [joint.name for joint in tree.moving]
+    nominal_positions = {_found(name, joints): value for name, value in _nominal(section).items()}
+    try:
+        robot = reduce_tree(
+            tree,
+            section.mimic_joints,
+            nominal_positions,
+            [_found(name, joints) for name in section.frozen],
+            section.inertia,
+        )
+    except ChoiceRequiredError as error:
+        settings = {"mimic": "mimic_joints"}
+        return {}, [(("urdf",), error.advise(lambda option, value: f"`{settings.get(option, option)}: {value}`"))]
+    except ValueError as error:
+        return {}, [(("urdf",), str(error))]
+    numbers = agent_type_numbers(robot, section.thrust_max_N, _tips(section, robot), nominal_positions)
     try:
         AgentType.model_validate(numbers)
     except ScenarioError as error:
@@ -72,55 +95,102 @@ def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], li
     return numbers, []
 
 
-def _errors(section: AgentTypeFromUrdf, robot: urdf.Robot) -> Iterator[ErrorMessage]:
-    for joint in robot.joints:
-        if not re.fullmatch(NAME, joint.name):
-            yield ("urdf",), f"joint {format_value(joint.name)}: a name is a letter, then letters, digits, - or _"
+def _nominal(section: AgentTypeFromUrdf) -> dict[str, float]:
+    """Return the nominal positions of all joints [rad, m] by name."""
+    return section.nominal_position_rad | section.nominal_position_m
+
+
+def _found(name: str, known: list[str]) -> str:
+    """Return the name in the file of a joint or link that `_errors` accepted."""
+    return names.find_name(name, known) or name
+
+
+def _tips(section: AgentTypeFromUrdf, robot: Robot) -> list[ArmNumbers]:
+    """Return name, body and point of each arm."""
+    arms = []
+    for tip in section.tips:
+        link = _found(tip.link, list(robot.links))
+        body, point = robot.tip(link, tip.tip_position_m)
+        arms.append((tip.name or names.legal_name(link), body, point))
+    return arms
+
+
+def _errors(section: AgentTypeFromUrdf, tree: LinkTree) -> Iterator[ErrorMessage]:
+    """Check the names of joints and links in the settings."""
+    moving = [joint.name for joint in tree.moving]
+    for name in moving:
+        try:
+            names.legal_name(name)
+        except ValueError as error:
+            yield ("urdf",), f"{tree.joints[name].place}: joint: {error}"
     for i, tip in enumerate(section.tips):
-        if tip.link not in robot.links:
-            yield ("tips", i), unknown_name_message(tip.link, robot.links, "a link of the file")
-        elif tip.name is None and not re.fullmatch(NAME, tip.link):
-            yield ("tips", i), f"{format_value(tip.link)} cannot name an arm: give the tip a `name`"
+        link = names.find_name(tip.link, list(tree.links))
+        if link is None:
+            yield ("tips", i), unknown_name_message(tip.link, tree.links, "a link of the file")
+        elif tip.name is None:
+            try:
+                names.legal_name(link)
+            except ValueError:
+                yield ("tips", i), f"{format_value(tip.link)} cannot name an arm: give the tip a `name`"
+    for i, name in enumerate(section.frozen):
+        if names.find_name(name, moving) is None:
+            yield ("frozen", i), unknown_name_message(name, moving, "a joint that moves")
     for setting, slides, moves in (("nominal_position_rad", False, "turns"), ("nominal_position_m", True, "slides")):
-        known = [joint.name for joint in robot.joints if joint.prismatic == slides]
+        known = [joint.name for joint in tree.moving if (joint.kind == PRISMATIC) == slides]
         for name in getattr(section, setting):
-            if name not in known:
+            if names.find_name(name, known) is None:
                 yield (setting, name), unknown_name_message(name, known, f"a joint that {moves}")
 
 
-def _numbers(section: AgentTypeFromUrdf, robot: urdf.Robot) -> dict[str, Any]:
-    """Return the settings of `AgentType`."""
-    names = ["base", *(joint.name for joint in robot.joints)]
+def agent_type_numbers(
+    robot: Robot, thrust_max: float, tips: Sequence[ArmNumbers], nominal_positions: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return the settings of `AgentType`.
+
+    Args:
+        robot: Kinematics and inertias.
+        thrust_max: Maximum thrust [N].
+        tips: Name, body and point in the frame of the body [m] of each arm.
+        nominal_positions: Nominal positions by the names of the joints in the file [rad, m]; default: 0.
+
+    Returns:
+        The settings.
+    """
+    legal = ["base", *(names.legal_name(joint.name) for joint in robot.joints)]
     bodies = [
         {"mass_kg": body.mass, "center_of_mass_m": body.com.tolist(), "inertia_kgm2": body.inertia.tolist()}
         for body in robot.bodies
     ]
     joints = []
-    for joint, body in zip(robot.joints, bodies[1:], strict=True):
-        kind, rest = ("prismatic", "nominal_position_m") if joint.prismatic else ("revolute", "nominal_position_rad")
+    for k, (joint, body) in enumerate(zip(robot.joints, bodies[1:], strict=True)):
+        kind, unit = ("prismatic", "m") if joint.prismatic else ("revolute", "rad")
+        limits = joint.limits
+        stated = {
+            "position_limits": limits.position,
+            "max_speed_radps": limits.speed,
+            "max_torque_Nm": limits.effort,
+        }
         joints.append(
             {
-                "name": joint.name,
+                "name": legal[k + 1],
                 "type": kind,
-                "parent": names[joint.parent],
+                "parent": legal[joint.parent],
                 "position_m": joint.position.tolist(),
                 "rpy_deg": _rpy_deg(joint.rotation),
                 "axis": joint.axis.tolist(),
-                rest: getattr(section, rest).get(joint.name, 0.0),
+                f"nominal_position_{unit}": nominal_positions.get(joint.name, 0.0),
                 "body": body,
             }
+            | {key: value for key, value in stated.items() if value is not None}
         )
-    arms = []
-    for tip in section.tips:
-        body, point = robot.tip(tip.link, tip.tip_position_m)
-        arms.append({"name": tip.name or tip.link, "joint": names[body], "tip_position_m": point.tolist()})
-    return {"base": bodies[0], "thrust_max_N": section.thrust_max_N, "joints": joints, "arms": arms}
+    arms = [{"name": name, "joint": legal[body], "tip_position_m": point.tolist()} for name, body, point in tips]
+    return {"base": bodies[0], "thrust_max_N": thrust_max, "joints": joints, "arms": arms}
 
 
 def _rpy_deg(R: np.ndarray) -> list[float]:
     """Return the angles of `R = R_z(yaw) R_y(pitch) R_x(roll)`; correct for any yaw at a pitch of +-90 deg."""
     yaw = np.arctan2(R[1, 0], R[0, 0])
     c, s = np.cos(yaw), np.sin(yaw)
-    rest = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
-    pitch, roll = np.arctan2(-rest[2, 0], rest[0, 0]), np.arctan2(-rest[1, 2], rest[1, 1])
+    tilt = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ R
+    pitch, roll = np.arctan2(-tilt[2, 0], tilt[0, 0]), np.arctan2(-tilt[1, 2], tilt[1, 1])
     return np.rad2deg([roll, pitch, yaw]).tolist()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 
 import jax
@@ -14,53 +15,62 @@ from colift.math.linalg import matmul
 from colift.models import aerial_manipulator, grasp, validation
 from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import AgentState, PayloadState, State
-from colift.scenario import schema, team, trajectories
+from colift.scenario import schema, structure, team, trajectories
 from colift.scenario.conversion import array
 from colift.scenario.errors import ScenarioError
 from colift.simulation import contact_dynamics
+from colift.trajectories.base import PayloadSetpoint
 
 IDENTITY = np.eye(3)
+STANDSTILL = 1e-9  # m/s and rad/s, rounding of a reference at rest
 
 
-def initial_state(settings: schema.Scenario, truth: Team) -> State:
+def initial_state(settings: schema.Scenario, truth: Team, moving: bool = True) -> State:
     """Return the initial state on the constraint manifold, with the stated errors from the reference.
 
     Args:
         settings: Scenario.
         truth: True parameters.
+        moving: True adds the velocities of the reference; the agents move with the payload.
 
     Returns:
-        Initial state; each agent is above its contacts.
+        Initial state; each agent is above its contacts, with the heading of `trajectories.headings`.
 
     Raises:
-        ScenarioError: If no such state exists nearby (the message contains the remaining error), if a body is not
-            physically consistent, or if the grasp is redundant, singular or not controllable there.
+        ScenarioError: If the team has a structural error (`structure`), if no such state exists nearby (the message
+            contains the remaining error), if a body is not physically consistent, or if the grasp is redundant,
+            singular or not controllable there.
     """
-    given, d = settings.initial_state, _setpoint(trajectories.make_reference(settings), jnp.zeros(()))
+    structure.check_structure(settings, truth)
+    given, d = settings.initial_state, trajectories.setpoint(trajectories.make_reference(settings), jnp.zeros(()))
     load = PayloadState(
         p=d.p + array(given.position_error_m),
         R=_off(d.R, jnp.deg2rad(array(given.attitude_error_deg))),
         v=array(given.velocity_mps),
         omega=array(given.angular_velocity_radps),
     )
+    moving = moving and max(float(jnp.abs(x).max()) for x in (d.v, d.omega)) > STANDSTILL
+    if moving:
+        load = dataclasses.replace(load, v=load.v + d.v, omega=load.omega + load.R.T @ (d.R @ d.omega))
     agents = tuple(
         _over_contacts(group, yaw, r, load)
         for group, yaw, r in zip(
-            truth.agent_groups, team.initial_yaw(settings), team.nominal_posture(settings), strict=True
+            truth.agent_groups, trajectories.headings(settings), team.nominal_posture(settings), strict=True
         )
     )
+    if moving:
+        agents = tuple(_moved(group, q, d) for group, q in zip(truth.agent_groups, agents, strict=True))
     names = team.agent_names(settings)
     try:
-        z = contact_dynamics.consistent_initial_state(truth, State(agents=agents, payload=load), names)
+        z = contact_dynamics.consistent_initial_state(
+            truth, State(agents=agents, payload=load), names, team.contact_names(settings)
+        )
         validation.validate_team(truth, names)
         grasp.check_grasp(truth, z, names)
         grasp.check_controllability(truth, z, names)
     except ValueError as error:
         raise ScenarioError(f"{settings.name}: {error}") from None
     return z
-
-
-_setpoint = jax.jit(lambda path, t: path.evaluate(t))
 
 
 _off = jax.jit(lambda R, theta: matmul(R, so3.exp(theta)))
@@ -78,6 +88,12 @@ def _over_contacts(agent: AerialManipulator, yaw: Array, r: Array, payload: Payl
     return AgentState(R=R, x=x, r=r, omega=zero, v=zero, r_dot=jnp.zeros_like(r))
 
 
+def _moved(agents: AerialManipulator, q: AgentState, d: PayloadSetpoint) -> AgentState:
+    """Return the agents with the velocity of the payload at the mean of their contacts."""
+    arm = agents.contact_position.mean(1) @ d.R.T
+    return dataclasses.replace(q, v=q.v + d.v[None] + so3.cross((d.R @ d.omega)[None], arm))
+
+
 def equilibrium_state(settings: schema.Scenario, team: Team) -> State:
-    """Return the state at rest with the payload on its reference; raises as `initial_state`."""
-    return initial_state(settings.model_copy(update={"initial_state": schema.InitialState()}), team)
+    """Return the state at rest with the payload at the start of its reference; raises as `initial_state`."""
+    return initial_state(settings.model_copy(update={"initial_state": schema.InitialState()}), team, moving=False)

@@ -12,10 +12,12 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
-from colift.scenario import from_csv, from_urdf, plugins, validation, yaml_tree
+from colift.runtime import bounded_read
+from colift.scenario import from_csv, from_table, from_urdf, plugins, validation, yaml_tree
 from colift.scenario.cross_checks import consistency_errors
 from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format_value, suggestion
 from colift.scenario.from_csv import WaypointsFromFile
+from colift.scenario.from_table import SampledFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.migration import SCHEMA
 from colift.scenario.schema import Scenario, Section
@@ -57,8 +59,7 @@ def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Sc
         path = Path(given).expanduser()
         if not given or (path.suffix not in SUFFIXES and not path.exists()):
             raise _unknown(given)
-        with path.open("rb") as opened:
-            raw = opened.read(yaml_tree.MAX_BYTES + 1)
+        raw = bounded_read.read_bytes(path, 4 * yaml_tree.MAX_BYTES)
         return parse(raw.decode("utf-8-sig"), file, overrides)
     except OSError as error:
         raise ScenarioError(f"{file}: cannot be read: {error.strerror or error}") from None
@@ -108,6 +109,8 @@ def parse(text: str, file: str, overrides: Sequence[str] = ()) -> Scenario:
         _add(found, [] if unread else consistency_errors(data))
     else:
         if not found:
+            for name in _types_from_files(tree.data):
+                settings.agent_types[name].mark_as_from_file()
             return settings
     raise _scenario_error(found, tree)
 
@@ -130,7 +133,7 @@ def _whole(text: str, file: str, depth: int = 0) -> yaml_tree.Tree:
         return yaml_tree.diff_tree(_whole(shipped_text(base), f"{base}.yaml", depth + 1), tree)
     path = Path(file).parent / base
     try:
-        base_text = path.read_bytes().decode("utf-8-sig") if path.suffix in SUFFIXES else None
+        base_text = bounded_read.read_text(path, 4 * yaml_tree.MAX_BYTES) if path.suffix in SUFFIXES else None
     except (OSError, ValueError) as error:
         raise ScenarioError(f"{at} extends: {format_value(base)} cannot be read: {error}") from None
     if base_text is None:
@@ -180,11 +183,21 @@ def _expanded(data: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[
                 written[name], found = _read(AgentTypeFromUrdf, from_urdf.expand, kind, folder)
                 errors += [(("agent_types", name, *location), message) for location, message in found]
         data = data | {"agent_types": written}
-    if isinstance(path, dict) and path.get("kind") == "waypoints" and "file" in path:
-        expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
+    if isinstance(path, dict) and path.get("kind") in ("waypoints", "sampled"):
+        expanded, found = path, []
+        if path["kind"] == "waypoints" and "file" in path:
+            expanded, found = _read(WaypointsFromFile, from_csv.expand, path, folder)
+        elif path["kind"] == "sampled" and "tables" not in path:
+            expanded, found = _read(SampledFromFile, from_table.expand, path, folder)
         errors += [(("reference", *location), message) for location, message in found]
         data = data | {"reference": expanded}
     return data, errors
+
+
+def _types_from_files(data: dict[str, Any]) -> list[str]:
+    """Return the names of the agent types that refer to a file."""
+    kinds = data.get("agent_types")
+    return [name for name, kind in kinds.items() if "urdf" in kind] if isinstance(kinds, dict) else []
 
 
 G = TypeVar("G", bound=Section)

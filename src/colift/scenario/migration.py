@@ -12,14 +12,16 @@ Example:
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Mapping, MutableMapping
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
+from ruamel.yaml.comments import CommentedMap, CommentedSeq, merge_attrib
 from ruamel.yaml.error import YAMLError
 
 from colift.scenario.errors import ScenarioError, format_value
+from colift.scenario.former_settings import CONSTANTS, restructure, successor
 
 SCHEMA = 2
 """Schema that this version reads and writes."""
@@ -101,8 +103,6 @@ RENAMED: dict[str, dict[str, str]] = {
     },
     "drawn": {
         "norm": "rkhs_norm",
-        "centers": "num_centers",
-        "spread": "center_std",
         "least": "min_variation",
     },
     "sensors": {
@@ -157,13 +157,8 @@ RENAMED: dict[str, dict[str, str]] = {
         "joint_noise_Nm": "joint_torque_noise_std_Nm",
     },
     "innovation": {
-        "lead_s": "lead_time_s",
-        "hold_s": "hold_time_s",
-        "span_s": "averaging_time_s",
         "renew_s": "update_period_s",
         "refit_s": "refit_period_s",
-        "surprise": "nis_threshold",
-        "look_ahead_s": "preview_step_s",
     },
     "baselines": {
         "K_i": "position_integral_gain",
@@ -182,14 +177,8 @@ RENAMED: dict[str, dict[str, str]] = {
         "payload": "payload_label_error",
         "agents": "agent_label_error",
     },
-    "certificate.payload": {
-        "force_N": "force_error_N",
-        "moment_Nm": "moment_error_Nm",
-    },
     "certificate.agents": {
-        "force_N": "force_error_N",
-        "moment_Nm": "moment_error_Nm",
-        "joint_Nm": "joint_torque_error_Nm",
+        "joint_Nm": "joint_torque_Nm",
     },
     "limits": {
         "distance_m": "max_position_error_m",
@@ -197,8 +186,6 @@ RENAMED: dict[str, dict[str, str]] = {
         "attitude_deg": "max_attitude_error_deg",
         "tilt_deg": "max_tilt_deg",
         "saturation_s": "max_saturation_time_s",
-        "grip": "min_grasp_ratio",
-        "thrust_margin": "hover_thrust_margin",
     },
     "plant": {
         "part": "class_path",
@@ -256,33 +243,45 @@ VALUES: dict[tuple[str, str], dict[str, str]] = {
 _LEARNING, _CONTROL = "colift.onboard.learning", "colift.onboard.control"
 
 REMOVED: dict[tuple[str, str], tuple[Any, str]] = {
-    ("innovation", "coherence"): (0.2, f"coherence of {_LEARNING}.residual_correction.InnovationFilter"),
-    ("innovation", "doubt"): (10.0, f"variance_ratio of {_LEARNING}.residual_correction.InnovationFilter"),
-    ("innovation", "fade_s"): (0.3, f"decay_time of {_LEARNING}.residual_correction.InnovationFilter"),
+    ("innovation", "lead_s"): CONSTANTS["online_correction.lead_time_s"],
+    ("innovation", "hold_s"): CONSTANTS["online_correction.hold_time_s"],
+    ("innovation", "span_s"): CONSTANTS["online_correction.averaging_time_s"],
+    ("innovation", "surprise"): CONSTANTS["online_correction.nis_threshold"],
+    ("innovation", "look_ahead_s"): CONSTANTS["online_correction.preview_step_s"],
+    ("limits", "grip"): CONSTANTS["termination.min_grasp_ratio"],
+    ("limits", "thrust_margin"): CONSTANTS["termination.hover_thrust_margin"],
+    ("drawn", "centers"): CONSTANTS["random_residual.num_centers"],
+    ("drawn", "spread"): CONSTANTS["random_residual.center_std"],
+    ("innovation", "coherence"): (0.2, f"the field coherence of {_LEARNING}.residual_correction.InnovationFilter"),
+    ("innovation", "doubt"): (10.0, f"the field variance_ratio of {_LEARNING}.residual_correction.InnovationFilter"),
+    ("innovation", "fade_s"): (0.3, f"the field decay_time of {_LEARNING}.residual_correction.InnovationFilter"),
     ("innovation", "patience_s"): (
         0.02,
-        "max_reading_age of colift.onboard.estimation.state_estimator.ComplementaryFilter",
+        "the field max_reading_age of colift.onboard.estimation.state_estimator.ComplementaryFilter",
     ),
-    ("innovation", "age_s"): (20.0, f"forgetting_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
-    ("innovation", "settle_s"): (0.5, f"transient_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
-    ("innovation", "enough"): (150, f"min_samples of {_LEARNING}.online_learner.OnlineUpdateOptions"),
-    ("innovation", "drag_Nspm"): (0.5, f"payload and agents of {_LEARNING}.semiparametric.MeanPrior"),
-    ("innovation", "drag_lever_m"): (0.4, f"payload of {_LEARNING}.semiparametric.MeanPrior"),
-    ("innovation", "thrust_N"): (2.0, f"agents of {_LEARNING}.semiparametric.MeanPrior"),
-    ("innovation", "constant"): (3.0, f"payload and agents of {_LEARNING}.semiparametric.MeanPrior"),
-    ("learning", "restarts"): (1, f"restarts of {_LEARNING}.model_update.FitOptions"),
-    ("learning", "max_iterations"): (300, f"max_iterations of {_LEARNING}.model_update.FitOptions"),
-    ("learning", "prior_factor"): (3.0, "scale_factor of colift.gp.HyperPrior"),
-    ("learning", "lengthscale_bounds"): ([0.1, 30.0], "min_lengthscale and max_lengthscale of colift.gp.HyperPrior"),
-    ("control", "haste"): (2.0, f"bandwidth_ratio of {_CONTROL}.actuator_compensation.LagInversion"),
-    ("allocation", "lam_f0_N"): (None, f"offset of {_CONTROL}.allocation.AllocationMap"),
-    ("actuators", "torque_max_Nm"): (None, "torque_max of colift.simulation.actuators.BoxLimits"),
+    ("innovation", "age_s"): (20.0, f"the field forgetting_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
+    ("innovation", "settle_s"): (0.5, f"the field transient_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
+    ("innovation", "enough"): (150, f"the field min_samples of {_LEARNING}.online_learner.OnlineUpdateOptions"),
+    ("innovation", "drag_Nspm"): (0.5, f"the fields payload and agents of {_LEARNING}.semiparametric.MeanPrior"),
+    ("innovation", "drag_lever_m"): (0.4, f"the field payload of {_LEARNING}.semiparametric.MeanPrior"),
+    ("innovation", "thrust_N"): (2.0, f"the field agents of {_LEARNING}.semiparametric.MeanPrior"),
+    ("innovation", "constant"): (3.0, f"the fields payload and agents of {_LEARNING}.semiparametric.MeanPrior"),
+    ("learning", "restarts"): (1, f"the field restarts of {_LEARNING}.model_update.FitOptions"),
+    ("learning", "max_iterations"): (300, f"the field max_iterations of {_LEARNING}.model_update.FitOptions"),
+    ("learning", "prior_factor"): (3.0, "the field scale_factor of colift.gp.HyperPrior"),
+    ("learning", "lengthscale_bounds"): (
+        [0.1, 30.0],
+        "the fields min_lengthscale and max_lengthscale of colift.gp.HyperPrior",
+    ),
+    ("control", "haste"): (2.0, f"the field bandwidth_ratio of {_CONTROL}.actuator_compensation.LagInversion"),
+    ("allocation", "lam_f0_N"): (None, f"the field offset of {_CONTROL}.allocation.AllocationMap"),
+    ("actuators", "torque_max_Nm"): (None, "the field torque_max of colift.simulation.actuators.BoxLimits"),
     ("reference", "swing_phase_deg"): (
         [0.0, 0.0, 0.0],
-        "rotation_phase of colift.trajectories.lissajous.Lissajous",
+        "the field rotation_phase of colift.trajectories.lissajous.Lissajous",
     ),
 }
-"""Section and setting, in names of schema 1, to the former default and the field that replaces the setting."""
+"""Section and setting, in names of schema 1, to the former default and the field or argument that replaces it."""
 
 
 def migrate_text(text: str) -> str:
@@ -311,8 +310,9 @@ def migrate_text(text: str) -> str:
     if data.get("schema") == SCHEMA:
         return text
     _check(data.get("schema", 1))
-    _remove(data, strict=True)
-    _rename(data, "", set())
+    if _has_merge_key(text):
+        data = _without_merge_keys(data, {})
+    _convert(data, strict=True)
     data.insert(0, "schema", SCHEMA)
     out = io.StringIO()
     yaml.dump(data, out)
@@ -336,8 +336,7 @@ def migrate_data(data: Mapping[str, Any], strict: bool = True) -> dict[str, Any]
     copy = _copy({key: value for key, value in data.items() if key != "schema"})
     if data.get("schema") != SCHEMA:
         _check(data.get("schema", 1))
-        _remove(copy, strict)
-        _rename(copy, "", set())
+        _convert(copy, strict)
     return copy
 
 
@@ -348,7 +347,8 @@ def migrate_path(path: str) -> str:
         path: Path in names of schema 1, such as ``control.look_ahead_s``.
 
     Returns:
-        The path in names of schema 2, such as ``control.preview_step_s``.
+        The path in names of schema 2, such as ``control.preview_step_s``. A setting that is one of a list now has the
+        path of the list.
     """
     section, new = "", []
     for name in path.split("."):
@@ -356,12 +356,39 @@ def migrate_path(path: str) -> str:
         new.append(found)
         step = name if _is_section(section, name) else "*"
         section = f"{section}.{step}" if section else step
-    return ".".join(new)
+    return successor(".".join(new))
 
 
 def _is_section(section: str, name: str) -> bool:
     prefix = f"{section}.{name}" if section else name
     return any(known == prefix or known.startswith(f"{prefix}.") for known in RENAMED)
+
+
+def _convert(data: MutableMapping[str, Any], strict: bool) -> None:
+    """Remove, rename and move the settings of a scenario of schema 1, in place."""
+    _remove(data, strict)
+    _rename(data, "", set())
+    restructure(data, {new: old for old, new in RENAMED["baselines"].items()})
+
+
+def _without_merge_keys(value: Any, done: dict[int, Any]) -> Any:
+    """Copy the data with the settings of each merge key (`<<: *section`) written out."""
+    if id(value) in done or not isinstance(value, CommentedMap | CommentedSeq):
+        return done.get(id(value), value)
+    copy = done[id(value)] = type(value)()
+    value.copy_attributes(copy)
+    if isinstance(value, CommentedSeq):
+        copy.extend(_without_merge_keys(entry, done) for entry in value)
+        return copy
+    if hasattr(copy, merge_attrib):
+        delattr(copy, merge_attrib)
+    for key in value:
+        copy[key] = _without_merge_keys(value[key], done)
+    return copy
+
+
+def _has_merge_key(text: str) -> bool:
+    return re.search(r"<<\s*:", text) is not None
 
 
 def _check(schema: object) -> None:
@@ -388,7 +415,7 @@ def _remove(data: MutableMapping[str, Any], strict: bool) -> None:
             line = f"line {settings.lc.key(name)[0] + 1}: " if isinstance(settings, CommentedMap) else ""
             errors.append(
                 f"{line}{section}.{name}: {format_value(value)} cannot be migrated, because this is no longer a "
-                f"setting; remove it, and set the field {field} in Python"
+                f"setting; remove it, and set {field} in Python"
             )
         del settings[name]
     if errors:

@@ -120,7 +120,8 @@ def mean_prior(
     Returns:
         The prior standard deviations.
     """
-    parameters, load, agent = settings.baselines, settings.learning.payload, settings.learning.agents
+    parameters = settings.baselines
+    load, agent = settings.learning.payload.signal_std, settings.learning.agents.signal_std
     drag, constant = drag_std, constant_std_ratio
     return semiparametric.MeanPrior(
         payload=np.array(
@@ -130,28 +131,23 @@ def mean_prior(
                 drag,
                 *[drag * drag_lever_std] * 3,
             ]
-            + [constant * load.force_std_N] * 3
-            + [constant * load.moment_std_Nm] * 3
+            + [constant * load.force_N] * 3
+            + [constant * load.moment_Nm] * 3
         ),
-        agents=np.array([drag, thrust_bias_std, *[constant * agent.force_std_N] * 3]),
+        agents=np.array([drag, thrust_bias_std, *[constant * agent.force_N] * 3]),
         nominal_payload=nominal.payload,
     )
 
 
 def _hyper(given: schema.GPPrior, features: Sequence[str], kernel: gp.Kernel) -> gp.Hyperparameters:
     """Return hyperparameters of forces, moments and joint torques from the stated standard deviations."""
-    signal, noise, counts = (
-        [given.force_std_N, given.moment_std_Nm],
-        [given.force_noise_std_N, given.moment_noise_std_Nm],
-        [3, 3],
-    )
+    signal = [given.signal_std.force_N, given.signal_std.moment_Nm]
+    noise = [given.noise_std.force_N, given.noise_std.moment_Nm]
+    counts = [3, 3]
     if isinstance(given, schema.AgentGPPrior):
-        joints = sum(name.startswith("r_dot") for name in features)
-        signal, noise, counts = (
-            [*signal, given.joint_torque_std_Nm],
-            [*noise, given.joint_torque_noise_std_Nm],
-            [3, 3, joints],
-        )
+        signal.append(given.signal_std.joint_torque_Nm)
+        noise.append(given.noise_std.joint_torque_Nm)
+        counts.append(sum(name.startswith("r_dot") for name in features))
     rates = [name.startswith(("omega", "|omega|", "r_dot")) for name in features]
     lengthscales = np.where(rates, given.rate_lengthscale, given.lengthscale)
     return gp.make_hyperparameters(

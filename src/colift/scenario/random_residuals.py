@@ -22,17 +22,22 @@ from colift.trajectories import base
 
 
 def sample_residuals(
-    settings: schema.Scenario, truth: Team, state: State
+    settings: schema.Scenario, truth: Team, state: State, num_centers: int = 30, center_std: float = 0.2
 ) -> tuple[residual_model.ResidualModel, ResidualForces] | None:
     """Draw residuals `f = sum_k w_k k(z_k, .)` with a given norm, `|f|^2 = w^T K w`, as posterior means.
 
     The centers `z_k` are random displacements from states of the team along the reference, with the orientations and
     joint positions of the given state. Outputs whose variation is too small are drawn again.
 
+    The default displacement of the payload's 20 features has a length of 0.2 sqrt(20) = 0.9 length-scales. The kernel
+    of a center is then exp(-0.4) = 0.67 at its state of the reference, and functions also vary beside the reference.
+
     Args:
         settings: Scenario.
         truth: True parameters.
         state: State of the team on the constraint manifold.
+        num_centers: Number of kernel functions in the sum.
+        center_std: Standard deviation of the displacements of the centers from the reference, in length-scales.
 
     Returns:
         Residual model, and standard deviation of each output along the reference; None if the scenario has no section
@@ -47,18 +52,24 @@ def sample_residuals(
     rng, again = (np.random.default_rng((settings.seed, k)) for k in (4, 5))
     moves = settings.reference
     assert not isinstance(moves, schema.Plugin), "`cross_checks` rejects it"
-    moving = moves.ramp_time_s if isinstance(moves, schema.Lissajous) else moves.poses[0].time_s
+    match moves:
+        case schema.Lissajous():
+            moving = moves.ramp_time_s
+        case schema.Waypoints():
+            moving = moves.poses[0].time_s
+        case schema.Sampled():
+            moving = max(moves.start_s, 0.0)
     zero = priors.prior_model(settings, truth)
     center_features, path_features = (
         _team_features(trajectories.make_reference(settings), zero.features, state, jnp.asarray(t))
         for t in (
-            rng.uniform(moving, settings.duration_s, given.num_centers),
+            rng.uniform(moving, settings.duration_s, num_centers),
             np.linspace(moving, settings.duration_s, 400),
         )
     )
 
     def one(hyper: gp.Hyperparameters, X: Array, path: Array) -> tuple[gp.GPPosterior, np.ndarray]:
-        X = np.asarray(X) + given.center_std * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
+        X = np.asarray(X) + center_std * rng.normal(size=X.shape) * np.asarray(hyper.lengthscales)[0]
         w = rng.normal(size=(len(hyper.signal_variance), len(X)))
         for _ in range(MAX_ATTEMPTS):
             scaled = w * (given.rkhs_norm / np.asarray(gp.rkhs_norm(gp.from_expansion(hyper, X, w))))[:, None]

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
-import json
 import math
-import os
 import re
 from pathlib import Path
 
-import jax.numpy as jnp
-import numpy as np
+from colift.scenario.scaling import REFERENCE, Scale
 
-from colift.models import aerial_manipulator, grasp, urdf
-from colift.models.parameters import AerialManipulator
+MAX_AGENTS = 100
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +20,7 @@ class VehicleTemplate:
     text: str
     mass: float  # kg
     contact_offset: tuple[tuple[float, float, float], ...]  # m, tips: forward, left, above the mean height of the tips
+    scale: Scale = REFERENCE
 
 
 VEHICLES = {  # by arms
@@ -120,162 +116,43 @@ def scenario_template(name: str, agents: int, arms: int) -> str:
     if arms not in VEHICLES:
         raise ValueError(f"--arms {arms}: must be 0 (single bodies that hold the plate themselves), 1 or 2")
     least = 2 if arms == 2 else 3
-    if not least <= agents <= 100:
+    if not least <= agents <= MAX_AGENTS:
         raise ValueError(
-            f"--agents {agents}: must be from {least} to 100 with --arms {arms}: "
+            f"--agents {agents}: must be from {least} to {MAX_AGENTS} with --arms {arms}: "
             "three contacts that are not collinear turn the payload about every axis"
         )
-    return _scenario(name, VEHICLES[arms], agents)
+    return scenario_text(name, VEHICLES[arms], agents)
 
 
-def from_urdf(name: str, agents: int, file: Path, folder: Path) -> str:
-    """Generate a scenario with agents from a URDF file.
-
-    The last body of each chain has a contact. Joints are at zero, or bent if the arms are straight there.
+def scenario_text(name: str, vehicle: VehicleTemplate, agents: int) -> str:
+    """Generate the text for agents on a circle with clearance between rotors, and a round plate of larger radius.
 
     Args:
         name: Name of the scenario.
+        vehicle: Agent type.
         agents: Number of agents.
-        file: URDF file.
-        folder: Folder of the scenario; the scenario contains the path of the file relative to it.
 
     Returns:
         Text of the scenario.
-
-    Raises:
-        OSError: As `urdf.load_urdf`.
-        ValueError: As `urdf.load_urdf`, and if the team cannot rotate the plate about every axis.
     """
-    robot = urdf.load_urdf(file)
-    tips = _tips(robot)
-    if agents > 100:
-        raise ValueError(f"--agents {agents}: must be at most 100")
-    if len(tips) * agents < 3:
-        raise ValueError(f"--agents {agents}: each holds the payload at {len(tips)}, and three contacts are needed")
-    mass = sum(body.mass for body in robot.bodies)
-    agent = urdf.make_agent(robot, tips, np.zeros((len(tips), 3)), 1.0)
-    r = _bent(agent)
-    points = _reach(agent, r)
-    path = json.dumps(os.path.relpath(file, folder), ensure_ascii=False)
-    hands = "\n".join(
-        f"      - {{link: {json.dumps(link, ensure_ascii=False)}, name: hand_{k + 1}}}" for k, link in enumerate(tips)
-    )
-    kind = f"""\
-  vehicle:
-    urdf: {path}
-    thrust_max_N: {2 * 9.81 * (1.3 * mass):.3g}
-    tips:  # links that hold the payload: these carry no other; are they the hands?
-{hands}
-{_nominal_positions_text(robot, r)}"""
-    held = tuple((float(x), float(y), float(z)) for x, y, z in points - [0, 0, points[:, 2].mean()])
-    return _scenario(name, VehicleTemplate("vehicle", kind, mass, held), agents)
-
-
-def _tips(robot: urdf.Robot) -> list[str]:
-    """Return the outermost link of the last body of each chain; of the base if there is no other body."""
-    carried = {joint.parent for joint in robot.joints}
-    ends = [k for k in range(len(robot.bodies)) if k not in carried]
-    distance_of = lambda link: float(np.linalg.norm(robot.tip(link)[1]))  # noqa: E731
-    return [max((link for link in robot.links if robot.tip(link)[0] == k), key=distance_of) for k in ends]
-
-
-JOINT_ANGLE_CANDIDATES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, candidates of revolute joints
-MAX_CONDITION = 30.0  # of the grasp Jacobian; larger values indicate straight arms
-MIN_MANIPULABILITY = 200.0  # largest condition number of a posture that is written
-NUM_CANDIDATES = 3000
-
-
-def _reach(agent: AerialManipulator, r: np.ndarray) -> np.ndarray:
-    """Compute the tip positions `(arms, 3)` [m, base frame]."""
-    return np.asarray(aerial_manipulator.forward_kinematics(agent, jnp.asarray(r)).points[-agent.tree.arms :])
-
-
-def _bent(agent: AerialManipulator) -> np.ndarray:
-    """Find joint positions [rad or m] with a well-conditioned grasp Jacobian: zero if possible, else a candidate.
-
-    Joint limits are not considered. The result is zero if no candidate is well conditioned.
-    """
-
-    def condition(r: np.ndarray) -> float:
-        values, _ = grasp.grasp_jacobian_svd(agent, r)
-        return values[0] / max(values[-1], 1e-12)
-
-    def cost(r: np.ndarray) -> float:
-        tips = _reach(agent, r)  # prefer tips at one height, centered below the base
-        return condition(r) + np.ptp(tips[:, 2]) / 0.01 + np.abs(tips.mean(0)).sum() / 0.01 + np.abs(r).sum()
-
-    zero, arms = np.zeros(agent.tree.joints), agent.tree.arms
-    turning = [k for k, slides in enumerate(agent.tree.prismatic) if not slides]
-    if 3 + len(zero) < 3 * arms or condition(zero) < MAX_CONDITION or not turning:
-        return zero  # `check` rejects agents with too few joints
-    if len(JOINT_ANGLE_CANDIDATES) ** len(turning) <= NUM_CANDIDATES:
-        tried = np.array(list(itertools.product(JOINT_ANGLE_CANDIDATES, repeat=len(turning))))
-    else:
-        tried = np.random.default_rng(0).choice(JOINT_ANGLE_CANDIDATES, (NUM_CANDIDATES, len(turning)))
-    rests = np.zeros((len(tried), len(zero)))
-    rests[:, turning] = tried
-    best = min(rests, key=cost)
-    return best if condition(best) < MIN_MANIPULABILITY else zero  # `check` reports parallel axes
-
-
-def _nominal_positions_text(robot: urdf.Robot, r: np.ndarray) -> str:
-    """Generate the line of the nominal joint positions, commented out if all are zero."""
-    if not r.any():
-        return "    # nominal_position_rad: {joint: 0.5}  # where joints rest; 0 where left out\n"
-    bent = ", ".join(f"{json.dumps(joint.name)}: {x:g}" for joint, x in zip(robot.joints, r, strict=True) if x)
-    return (
-        f"    nominal_position_rad: {{{bent}}}  # at zero these arms are straight, and could not follow the payload\n"
-    )
-
-
-_CONTROL_AND_LEARNING = """\
-control:  # slow mode: change K_p, K_v; unstable fast mode: reduce agent_k_omega, K_v
-  K_p: 5
-  K_v: 4.2
-  k_R: 60
-  k_omega: 14
-  agent_k_R: 250
-  agent_k_omega: 28
-  posture_bandwidth: 5  # of joints that the contacts leave free
-  complementary_filter_Hz: 5
-  joint_filter_Hz: 20
-
-allocation: {kind: least_squares}
-
-learning:
-  update_times_s: [2, 4, 6, 8, 10, 12]
-  start_s: 0.3
-  end_s: 12  # one period after the ramp, so that the samples cover the path
-  sample_Hz: 20
-  label_filter_Hz: 8
-  max_samples: 256
-  payload: {force_std_N: 1, moment_std_Nm: 0.2, force_noise_std_N: 0.1, moment_noise_std_Nm: 0.02}
-  agents:
-    force_std_N: 1
-    moment_std_Nm: 0.1
-    joint_torque_std_Nm: 0.1
-    force_noise_std_N: 0.1
-    moment_noise_std_Nm: 0.01
-    joint_torque_noise_std_Nm: 0.01
-"""
-
-
-def _scenario(name: str, vehicle: VehicleTemplate, agents: int) -> str:
-    """Generate the text for agents on a circle with clearance between rotors, and a round plate of larger radius."""
-    width = 2 * max(abs(y) for _, y, _ in vehicle.contact_offset) + 0.5  # m, with the rotors
-    radius = max(0.5, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
+    by = vehicle.scale
+    unit = by == REFERENCE
+    width = 2 * max(abs(y) for _, y, _ in vehicle.contact_offset) + 0.5 * by.length  # m, with the rotors
+    least = 0.5 * by.length
+    radius = max(least, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
     members = "".join(_member(f"agent_{i + 1}", vehicle, 360 * i / agents, radius) for i in range(agents))
     wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; the wavelength exceeds the size of the payload
-    mass = round(0.3 * vehicle.mass * agents, 2)
-    inertia = mass * (radius + 0.1) ** 2 / 4  # of a round plate of some thickness
+    mass = 0.3 * vehicle.mass * agents
+    mass = round(mass, 2) if unit else float(f"{mass:.3g}")
+    inertia = mass * (radius + 0.1 * by.length) ** 2 / 4  # of a round plate of some thickness
     return f"""\
 # Written by `colift init`. Adapt first the agent type, its contacts, the payload and the reference. Validate changes
 # with `colift check {name}.yaml`, and simulate them with `colift study {name}.yaml`. Settings: docs/scenarios.md.
 schema: 2
 name: {name}
 description: {agents} agents around a plate.
-duration_s: 24
-control_Hz: 500
+duration_s: {24 * by.time:.3g}
+control_Hz: {by.control_rate:g}
 seed: 0
 
 agent_types:  # frames: x forward, y left, z up, thrust along z
@@ -287,34 +164,119 @@ payload: {{mass_kg: {mass:g}, inertia_kgm2: [{inertia:.4g}, {inertia:.4g}, {1.9 
 nominal:  # parameters of the controller that differ from the true ones
   payload: {{mass_kg: {0.8 * mass:.4g}, inertia_kgm2: [{0.8 * inertia:.4g}, {0.8 * inertia:.4g}, {1.52 * inertia:.4g}]}}
 
+{_flight(by, wave)}
+{_control_and_learning(by)}{"" if unit else _scaled_defaults(by)}"""
+
+
+def _flight(by: Scale, wave: float) -> str:
+    """Generate initial state, reference and disturbances."""
+    error, left, up = (f"{x * by.length:.3g}" for x in (0.05, 0.4, 0.2))
+    wind, gust = (_vector(by.speed, v) for v in ((1.5, 0.8, 0), (1, 0.4, 0.5)))
+    side = _vector(by.length, (0.1, 0.1, 0))
+    return f"""\
 initial_state:
-  position_error_m: [0.05, -0.05, 0.05]
+  position_error_m: [{error}, -{error}, {error}]
 
 reference:
   kind: lissajous
   center_m: [0, 0, 2]
-  amplitude_m: [0.5, 0.4, 0.2]
-  period_s: 8
+  amplitude_m: [{0.5 * by.length:.3g}, {left}, {up}]
+  period_s: {8 * by.time:.3g}
   phase_deg: [0, 90, 30]
-  ramp_time_s: 3  # from rest
+  ramp_time_s: {3 * by.time:.3g}  # from rest
 
 disturbances:  # unknown to the controller
   - name: wind
     kind: wind
     acts_on: payload
-    attachment_point_m: [0.1, 0.1, 0]
-    linear_drag_Nspm: 0.3
-    mean_wind_mps: [1.5, 0.8, 0]
+    attachment_point_m: {side}
+    linear_drag_Nspm: {0.3 * by.drag:.3g}
+    mean_wind_mps: {wind}
     gusts:
-      - {{amplitude_mps: [1, 0.4, 0.5], wave_vector_radpm: [{wave:.3g}, 0, 0], phase_deg: -75}}
-  - {{name: rotors, kind: rotor_bias, acts_on: agents, thrust_N: -1, torque_Nm: [0.02, -0.02, 0.01]}}
+      - {{amplitude_mps: {gust}, wave_vector_radpm: [{wave:.3g}, 0, 0], phase_deg: -75}}
+  - {{name: rotors, kind: rotor_bias, acts_on: agents, thrust_N: {-by.force:.3g}, torque_Nm: \
+{_vector(by.moment, (0.02, -0.02, 0.01))}}}
+"""
 
-{_CONTROL_AND_LEARNING}"""
+
+def _vector(factor: float, values: tuple[float | int, ...]) -> str:
+    """Format a scaled vector."""
+    return f"[{', '.join(f'{factor * x:.3g}' for x in values)}]"
+
+
+def _control_and_learning(by: Scale) -> str:
+    """Generate gains and learning."""
+    T, moment = by.time, by.moment
+    lengthscales, periods = "", ""
+    if by != REFERENCE:  # defaults of the reference vehicle otherwise
+        lengthscales = f"\n    lengthscale: {_lengthscale(T):.3g}\n    rate_lengthscale: {_lengthscale(1 / T):.3g}"
+        periods = f"\n  update_period_s: {T:.3g}\n  refit_period_s: {10 * T:.3g}"
+    return f"""\
+control:  # slow mode: change K_p, K_v; unstable fast mode: reduce agent_k_omega, K_v
+  K_p: {5 * by.gain:.3g}
+  K_v: {4.2 * by.rate:.3g}
+  k_R: {60 * by.gain:.3g}
+  k_omega: {14 * by.rate:.3g}
+  agent_k_R: {250 * by.gain:.3g}
+  agent_k_omega: {28 * by.rate:.3g}
+  posture_bandwidth: {5 * by.rate:.3g}  # of joints that the contacts leave free
+  complementary_filter_Hz: {5 * by.rate:.3g}
+  joint_filter_Hz: {20 * by.rate:.3g}
+
+allocation: {{kind: least_squares}}
+
+learning:
+  update_times_s: {_vector(T, (2, 4, 6, 8, 10, 12))}{periods}
+  start_s: {0.3 * T:.3g}
+  end_s: {12 * T:.3g}  # one period after the ramp, so that the samples cover the path
+  sample_Hz: {20 * by.rate:.3g}
+  label_filter_Hz: {8 * by.rate:.3g}
+  max_samples: 256
+  payload:
+    signal_std: {{force_N: {by.force:.3g}, moment_Nm: {0.2 * moment:.3g}}}
+    noise_std: {{force_N: {0.1 * by.force:.3g}, moment_Nm: {0.02 * moment:.3g}}}{lengthscales}
+  agents:
+    signal_std: {{force_N: {by.force:.3g}, moment_Nm: {0.1 * moment:.3g}, joint_torque_Nm: {0.1 * moment:.3g}}}
+    noise_std: {{force_N: {0.1 * by.force:.3g}, moment_Nm: {0.01 * moment:.3g}, joint_torque_Nm: {0.01 * moment:.3g}}}\
+{lengthscales}
+"""
+
+
+def _lengthscale(value: float) -> float:
+    """Limit a length-scale to the range that a scenario permits."""
+    return min(max(value, 0.1), 30.0)
+
+
+def _scaled_defaults(by: Scale) -> str:
+    """Generate the settings whose defaults are those of the reference vehicle."""
+    T = by.time
+    return f"""
+sensors:  # defaults of the reference vehicle, scaled (docs/own_team.md)
+  position_m: {0.002 * by.length:.3g}
+  velocity_mps: {0.01 * by.speed:.3g}
+  angular_velocity_radps: {0.01 * by.rate:.3g}
+  tip_force_N: {0.1 * by.force:.3g}
+  tip_force_bias_N: {0.05 * by.force:.3g}
+  tip_force_bandwidth_Hz: {50 * by.rate:.3g}
+
+baselines:
+  position_integral_gain: {2 * by.integral_gain:.3g}
+  attitude_integral_gain: {40 * by.integral_gain:.3g}
+  dob_Hz: {0.5 * by.rate:.3g}
+  mass_prior_std_kg: {0.5 * by.mass:.3g}
+  first_moment_prior_std_kgm: {0.05 * by.moment:.3g}
+  inertia_prior_std_kgm2: {0.05 * by.inertia:.3g}
+
+termination:
+  max_position_error_m: {3 * by.length:.3g}
+  max_saturation_time_s: {2 * T:.3g}
+"""
 
 
 def _member(name: str, vehicle: VehicleTemplate, deg: float, radius: float) -> str:
     """Generate the entry of an agent with outward heading, and contacts at its tips."""
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
-    places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, 0.05 + z) for x, y, z in vehicle.contact_offset)
-    points = [f"[{x:.4f}, {y:.4f}, {float(f'{z:.4f}'):g}]" for x, y, z in places]
+    digits, above = (4, 0.05) if vehicle.scale == REFERENCE else (5, 0.05 * vehicle.scale.length)
+    places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, above + z) for x, y, z in vehicle.contact_offset)
+    points = [f"[{x:.{digits}f}, {y:.{digits}f}, {float(f'{z:.{digits}f}'):g}]" for x, y, z in places]
     return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contact_positions_m: [{', '.join(points)}]}}\n"

@@ -17,12 +17,24 @@ from colift.scenario.conversion import array
 from colift.scenario.errors import ScenarioError
 from colift.simulation import disturbances
 
+HOVER_THRUST_MARGIN = 0.1
+"""Default share of an agent's largest thrust that should remain in hover.
+
+A mass error of 10 % or a commanded vertical acceleration of 1 m/s^2 then does not saturate the thrust.
+"""
+MIN_GRASP_RATIO = 0.01
+"""Smallest singular value of an agent's `A M^-1 A^T` that ends a flight, relative to the initial value.
+
+The value is zero in a singular configuration of the arms, and contact forces grow with its inverse. It stays above a
+tenth of its initial value in the paper's study.
+"""
+
 
 def make_termination_limits(settings: schema.Scenario, truth: Team, state: State) -> termination.TerminationLimits:
     """Return the termination limits; the grasp limit is relative to the initial state."""
     given = settings.termination
     return termination.TerminationLimits(
-        min_delassus=given.min_grasp_ratio * _grip(truth, state),
+        min_delassus=MIN_GRASP_RATIO * _grip(truth, state),
         max_distance=array(given.max_position_error_m),
         min_height=array(-np.inf if given.min_height_m is None else given.min_height_m),
         max_attitude_error=_limit_rad(given.max_attitude_error_deg),

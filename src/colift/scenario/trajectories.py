@@ -1,26 +1,36 @@
-"""A scenario's reference."""
+"""Reference trajectory of a scenario, and the heading at its start."""
 
 from __future__ import annotations
 
+import functools
+
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
+from colift.closed_loop import part_checks
 from colift.math import so3
-from colift.scenario import schema
-from colift.scenario.conversion import array, build_plugin, rotation
-from colift.trajectories import base, departure, lissajous, minimum_snap
+from colift.scenario import packing, schema, team
+from colift.scenario.conversion import array, build_plugin, check_plugin, rotation
+from colift.trajectories import base, departure, lissajous, minimum_snap, pose_spline
+from colift.trajectories.rotation_legs import shortest_turns
+
+HALF_TURN = 1e-3
+"""Distance from a half turn [rad] within which the stated angles decide on the direction of a leg."""
 
 
 def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
-    """The payload's reference."""
+    """Return the reference trajectory of the payload."""
     given = settings.reference
     if isinstance(given, schema.Plugin):
-        return build_plugin(given, "reference", base.ReferenceTrajectory)
+        reference = build_plugin(given, "reference", base.ReferenceTrajectory)
+        check_plugin(part_checks.check_reference, reference)
+        return reference
     if isinstance(given, schema.Waypoints):
-        turns = _unwrap([np.asarray(so3.log(rotation(pose.rpy_deg))) for pose in given.poses])
-        return minimum_snap.minimum_snap(
-            np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses]), turns
-        )
+        return _waypoints(given)
+    if isinstance(given, schema.Sampled):
+        return _sampled(given.tables["position_knots"], given.tables["attitude_knots"])
     loop = lissajous.Lissajous(
         center=array(given.center_m),
         amplitude=array(given.amplitude_m),
@@ -45,11 +55,59 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     )
 
 
-def _unwrap(theta: list[np.ndarray]) -> np.ndarray:
-    """Return the rotation vectors of the same rotations that are closest to the previous ones, within one full turn."""
-    out = [theta[0]]
-    for vector in theta[1:]:
-        angle = np.linalg.norm(vector)
-        axis = vector / angle if angle > 0 else np.zeros(3)
-        out.append(min((vector + 2 * np.pi * k * axis for k in (-1, 0, 1)), key=lambda x: np.linalg.norm(x - out[-1])))
-    return np.array(out)
+@functools.lru_cache(maxsize=16)
+def _waypoints(waypoints: schema.Waypoints) -> pose_spline.PoseSpline:
+    """Return the reference through waypoints."""
+    R = np.array([rotation(pose.rpy_deg) for pose in waypoints.poses])
+    return minimum_snap.minimum_snap(
+        np.array([pose.time_s for pose in waypoints.poses]),
+        np.array([pose.position_m for pose in waypoints.poses]),
+        R,
+        _turns(R, np.deg2rad([pose.rpy_deg for pose in waypoints.poses])),
+    )
+
+
+def _turns(R: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return the rotation vectors of the legs; the direction of a half turn is that of the stated angles."""
+    delta = shortest_turns(R)
+    for k in np.flatnonzero(np.linalg.norm(delta, axis=1) > np.pi - HALF_TURN):
+        roll, pitch, yaw = np.diff(angles[k : k + 2], axis=0)[0]
+        heading = np.array([np.cos(angles[k, 2]), np.sin(angles[k, 2]), 0.0])
+        stated = yaw * np.eye(3)[2] + pitch * np.cross(np.eye(3)[2], heading) + roll * R[k][:, 0]
+        if stated @ R[k] @ delta[k] < 0:
+            delta[k] *= 1 - 2 * np.pi / np.linalg.norm(delta[k])
+    return delta
+
+
+@functools.lru_cache(maxsize=16)
+def _sampled(position_knots: str, attitude_knots: str) -> pose_spline.PoseSpline:
+    """Return the reference through the rows of a table."""
+    from colift.trajectories import smoothing_spline  # here, because SciPy's splines take long to import
+
+    return smoothing_spline.pose_spline(
+        smoothing_spline.SplineKnots(
+            position=packing.unpack(position_knots, pose_spline.POSITION_COLUMNS),
+            attitude=packing.unpack(attitude_knots, pose_spline.ATTITUDE_COLUMNS),
+        )
+    )
+
+
+setpoint = jax.jit(lambda path, t: path.evaluate(t))
+"""Setpoint of a reference at a time [s]."""
+
+
+def headings(settings: schema.Scenario) -> tuple[Array, ...]:
+    """Return the heading of every agent [rad, world], by group.
+
+    It is `yaw_deg` plus the heading of the reference at t = 0, so that the team starts in the same configuration about
+    the payload, whatever its heading. The latter is the angle about the vertical of the swing-twist decomposition.
+
+    Args:
+        settings: Scenario.
+
+    Returns:
+        The headings.
+    """
+    q = so3.quaternion(setpoint(make_reference(settings), jnp.zeros(())).R)
+    heading = 2 * jnp.arctan2(q[3], q[0])
+    return tuple(yaw + heading for yaw in team.initial_yaw(settings))

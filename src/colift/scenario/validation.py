@@ -12,6 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format_value, suggestion
+from colift.scenario.former_settings import relocation_hint
 from colift.scenario.schema_docs import Schema, format_range, unit_of
 
 MAX_MESSAGES = 100  # mistakes that one message lists
@@ -123,6 +124,8 @@ def error_message(error: ErrorDetails, schema: Schema) -> str:
     kind, given, about = error["type"], error["input"], error.get("ctx", {})
     last = error["loc"][-1] if error["loc"] else ""
     if kind == "extra_forbidden":
+        if (hint := relocation_hint(error["loc"], given)) is not None:
+            return hint
         allowed = schema.sibling_settings(error["loc"])
         return "is not a setting here" + (suggestion(last, allowed) or f"; known: {', '.join(allowed)}")
     if kind == "missing":

@@ -55,7 +55,7 @@ def make_world(
         sensors=noise,
         tip_force_bias=sample_tip_bias(truth, noise, jax.random.fold_in(jax.random.key(settings.seed), 1)),
         sensor_models=(*models, CalibrationRig(label_error=rig))
-        if settings.learning.label_source == "calibration_rig"
+        if settings.learning.rig_label_error is not None
         else models,
         mass_step=None if settings.payload_mass_step is None else _mass_step(settings.payload_mass_step),
     )

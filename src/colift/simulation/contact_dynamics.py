@@ -418,7 +418,9 @@ _project = jax.jit(project_to_constraints)
 _residuals = jax.jit(lambda team, z: (grasp.constraint_residual(team, z), grasp.constraint_rate(team, z)))
 
 
-def consistent_initial_state(team: Team, guess: State, names: Sequence[str] = ()) -> State:
+def consistent_initial_state(
+    team: Team, guess: State, names: Sequence[str] = (), contacts: Sequence[str] = ()
+) -> State:
     """Find the state with `Phi = 0` and `Phi_dot = 0` near a guess, by Newton's method on the host.
 
     The metric of the projection scales the payload and the base attitudes by `PAYLOAD_MASS_SCALE`. They therefore stay
@@ -428,6 +430,7 @@ def consistent_initial_state(team: Team, guess: State, names: Sequence[str] = ()
         team: Parameters of the team.
         guess: State near the constraint manifold.
         names: Agent names in team order, used in messages.
+        contacts: Contact names in team order, used in messages; default: `grasp.contact_names`.
 
     Returns:
         A state that satisfies the constraints to `CONSISTENCY_TOLERANCE`.
@@ -451,8 +454,8 @@ def consistent_initial_state(team: Team, guess: State, names: Sequence[str] = ()
         best = min(best, residual, key=np.max)
     remaining = ", ".join(
         f"{label}: {gap:.3g} m, {rate:.3g} m/s"
-        for label, gap, rate in zip(grasp.contact_names(team, names), *best, strict=True)
-        if max(gap, rate) > CONSISTENCY_TOLERANCE
+        for label, gap, rate in zip(contacts or grasp.contact_names(team, names), *best, strict=True)
+        if not max(gap, rate) <= CONSISTENCY_TOLERANCE  # NaN counts as a residual
     )
     outcome = "does not converge" if np.isfinite(residual).all() else "reaches a singular grasp"
     raise ValueError(

@@ -21,12 +21,13 @@ from colift.math.pytree import pytree, static
 from colift.models import mjcf
 from colift.models.parameters import Team, agent_names
 from colift.models.state import ResidualForces, ResidualFunctionType, State, TeamInputs
+from colift.runtime import extras
 from colift.simulation.contact_dynamics import Acceleration, AgentAcceleration
 
 try:
     import mujoco
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError("MuJoCo is not installed: pip install 'colift[mujoco]'", name="mujoco") from error
+    raise ModuleNotFoundError(f"MuJoCo is not installed: {extras.install_command('mujoco')}", name="mujoco") from error
 
 SUBSTEPS = 4  # MuJoCo steps in a control period of 2 ms (docs/decisions/0025)
 DISABLED_FLAGS = (  # no clipping of inputs, no dependence on previous calls, no replacement of non-finite values

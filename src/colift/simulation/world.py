@@ -170,9 +170,9 @@ class SimulatedWorld:
         """Return the measurement of the team at rest, without noise and bias."""
         return self._at_rest(state)[0]
 
-    def _at_rest(self, state: State) -> tuple[Measurement, tuple[Any, ...]]:
-        """Return the measurement at rest and the initial states of the additional sensors."""
-        sensed = sensors_module.SensedState(
+    def sensed_at_rest(self, state: State) -> sensors_module.SensedState:
+        """Return the true quantities that the sensors measure at rest, without contact forces and disturbances."""
+        return sensors_module.SensedState(
             z=state,
             v_dot=tuple(jnp.zeros_like(a.v) for a in state.agents),
             xi_dot=tuple(jnp.zeros((a.r.shape[0], 3 + a.r.shape[1])) for a in state.agents),
@@ -180,6 +180,10 @@ class SimulatedWorld:
             lam=tuple(jnp.zeros_like(group.contact_position) for group in self.team.agent_groups),
             f=zero_residual(self.team),
         )
+
+    def _at_rest(self, state: State) -> tuple[Measurement, tuple[Any, ...]]:
+        """Return the measurement at rest and the initial states of the additional sensors."""
+        sensed = self.sensed_at_rest(state)
         zero_noise = jax.tree.map(lambda x: jnp.zeros(x.shape[1:], x.dtype), self.sample_noise(jax.random.key(0), 1))
         measurement = sensors_module.measure(
             self.team, self.sensors, jax.tree.map(jnp.zeros_like, self.tip_force_bias), sensed, zero_noise.sensors

@@ -3,7 +3,10 @@
 ====================  ==================================================================
 ``base``              setpoint, protocol of a trajectory, exact derivatives of a pose
 ``lissajous``         sinusoidal position and attitude
-``minimum_snap``      minimum-snap polynomials through waypoints
+``pose_spline``       polynomials in position and rotation legs in attitude
+``rotation_legs``     rotation legs through attitudes on SO(3), and their rates
+``minimum_snap``      pose spline through waypoints
+``smoothing_spline``  pose spline of a table of poses
 ``departure``         smooth departure from another trajectory
 ====================  ==================================================================
 """

@@ -34,7 +34,7 @@ class ReferenceTrajectory(Protocol):
     """Smooth pose of the payload as a function of time.
 
     The position needs three continuous derivatives, and the attitude two. Implementations: ``Lissajous``,
-    ``MinimumSnapTrajectory`` and ``PathDeparture``.
+    ``PathDeparture`` and ``PoseSpline``.
 
     Example:
         A circle of constant attitude; `differentiate_pose` computes the derivatives::
@@ -79,13 +79,29 @@ def differentiate_pose(
     Returns:
         Desired pose with its derivatives.
     """
+    return differentiate_motion(lambda t: pose(t)[:3], lambda t: matmul(R, so3.exp(pose(t)[3:])), t)
+
+
+def differentiate_motion(
+    position: Callable[[Scalar], Float[Array, "3"]], rotation: Callable[[Scalar], Float[Array, "3 3"]], t: Scalar
+) -> PayloadSetpoint:
+    """Compute the setpoint of a position and an attitude function by nested forward-mode differentiation.
+
+    Args:
+        position: Function from time [s] to position [m, world].
+        rotation: Function from time [s] to attitude, payload to world.
+        t: Time [s].
+
+    Returns:
+        Desired pose with its derivatives.
+    """
 
     def attitude(t: Scalar) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
-        R_d, R_d_dot = _with_rate(lambda t: matmul(R, so3.exp(pose(t)[3:])))(t)
+        R_d, R_d_dot = _with_rate(rotation)(t)
         return R_d, so3.vee(matmul(transpose(R_d), R_d_dot))
 
     (R_d, omega), (_, omega_dot) = _with_rate(attitude)(t)
-    ((p, v), (_, a)), (_, (_, j)) = _with_rate(_with_rate(_with_rate(lambda t: pose(t)[:3])))(t)
+    ((p, v), (_, a)), (_, (_, j)) = _with_rate(_with_rate(_with_rate(position)))(t)
     return PayloadSetpoint(p=p, v=v, a=a, j=j, R=R_d, omega=omega, omega_dot=omega_dot)
 
 

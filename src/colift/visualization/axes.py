@@ -22,6 +22,8 @@ SAMPLE_PERIOD = 0.01  # s, time between drawn points
 COLUMNS = 4  # cases side by side in the width of a page
 TITLE_WIDTH = 30  # characters in a line of a column title
 GREY = "#444444"  # color of legend entries that apply to all cases
+MAX_DECADES = 7  # of a logarithmic axis; smaller values are numerical zeros
+BRIEF = 0.005  # share of the drawn values that may lie below a logarithmic axis: zero crossings of a norm
 ACTIVE_SHADE = "0.92"  # grey level of the span in which internal forces act
 
 Cases = Mapping[str, xr.Dataset]  # log of each case
@@ -33,17 +35,32 @@ Cases = Mapping[str, xr.Dataset]  # log of each case
 def log_scale(ax: Axes) -> None:
     """Make the y axis logarithmic, with ticks at decades, or at 1, 2 and 5 if it spans less than two decades.
 
+    The axis omits the smallest values, a share of `BRIEF` of all lines, and values more than `MAX_DECADES` below the
+    largest. A line that falls below the axis ends at its lower edge.
+
     Args:
-        ax: Axes to change.
+        ax: Axes to change, with all lines; axes that share the y axis change too.
     """
     ax.set_yscale("log")
     low, high = ax.get_ylim()
+    if len(values := _drawn_values(ax)):
+        floor = max(0.7 * float(np.quantile(values, BRIEF)), 10.0**-MAX_DECADES * float(values.max()))
+        low = max(low, floor)
+        ax.set_ylim(low, high)
     narrow = high < 100 * low
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=20))
     ax.yaxis.set_minor_locator(LogLocator(subs=range(2, 10), numticks=20))
     ax.yaxis.set_minor_formatter(NullFormatter())
     if low > 5e-4 and high < 1e4:  # outside this range powers of ten are easier to read
         ax.yaxis.set_major_formatter("{x:g}")
+
+
+def _drawn_values(ax: Axes) -> np.ndarray:
+    """Return the positive finite values of all lines in data coordinates, of axes that share the y axis."""
+    panels = ax.get_shared_y_axes().get_siblings(ax)
+    lines = [line for panel in panels for line in panel.lines if line.get_transform() == panel.transData]
+    values = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in lines] or [np.zeros(0)])
+    return values[np.isfinite(values) & (values > 0)]
 
 
 def time_axis(ax: Axes, cases: Cases) -> None:
@@ -62,26 +79,28 @@ def time_axis(ax: Axes, cases: Cases) -> None:
 def draw_update_lines(axes: Sequence[Axes], cases: Cases) -> None:
     """Draw vertical lines at the update times `t_k` and a dashed line at `T_end`, with labels above the first axes.
 
-    The lines are those of the cases whose learning ends. If learning continues in all cases, all update times are
-    drawn without labels.
+    The lines are those of the cases whose learning ends. If learning continues in all cases, all update times are drawn
+    without labels. Times after the end of the longest flight are omitted.
 
     Args:
         axes: Axes to draw into.
         cases: Log of each case.
     """
+    last = max(float(ds.time[-1]) for ds in cases.values())
     updates = [(times, end) for times, end in map(log.update_times, cases.values()) if times]
     ending = [(times, end) for times, end in updates if end is not None]
-    times = sorted({t for times, _ in ending or updates for t in times})
+    times = sorted({t for times, _ in ending or updates for t in times if t <= last})
     end = ending[0][1] if ending else None
     for ax in axes:
         for t in set(times) - {end}:
             ax.axvline(t, color="0.75", linewidth=0.6, zorder=1)
     if end is None:
         return
-    for ax in axes:
-        ax.axvline(end, color="0.35", linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)
     marks = {t: f"t_{{{k + 1}}}" for k, t in enumerate(times)}
-    marks[end] = rf"{marks[end]} = T_\mathrm{{end}}" if end in marks else r"T_\mathrm{end}"
+    if end <= last:
+        marks[end] = rf"{marks[end]} = T_\mathrm{{end}}" if end in marks else r"T_\mathrm{end}"
+        for ax in axes:
+            ax.axvline(end, color="0.35", linewidth=0.8, linestyle=(0, (3, 2)), zorder=1)
     for t, text in marks.items():
         axes[0].annotate(
             f"${text}$",

@@ -17,6 +17,7 @@ from matplotlib.ticker import NullLocator
 from colift.certification.assumptions import status_label
 from colift.certification.certificate import Certificate
 from colift.visualization import style
+from colift.visualization.axes import log_scale
 
 TITLE = 130  # characters in a line of a title of page width
 
@@ -41,10 +42,11 @@ def plot_certificate(
     with style.style_context():
         figure = Figure(figsize=(style.PAGE_WIDTH, 2.9))
         left, right = figure.subplots(1, 2, width_ratios=(1, 0.9))
-        best = certificate.radii.get("recovery", certificate.radii["energy"])
-        _plot_errors_and_radii(left, certificate, "recovery" if "recovery" in certificate.radii else "energy")
-        _plot_slack(right, conservatism)
-        if above := ", ".join(dict.fromkeys(ERROR_SYMBOLS[each.error] for each in certificate.exceeded)):
+        best = certificate.ultimate_bounds.get("recovery", certificate.ultimate_bounds["energy"])
+        name = "recovery" if "recovery" in certificate.ultimate_bounds else "energy"
+        _plot_errors_and_bounds(left, certificate, name)
+        _plot_conservatism(right, conservatism)
+        if above := ", ".join(dict.fromkeys(ERROR_SYMBOLS[each.error] for each in certificate.violations)):
             left.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
         if best.assumptions:
             figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumptions)}", TITLE), fontsize=8)
@@ -55,9 +57,9 @@ ERROR_SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e
 """Symbol of each error in titles."""
 
 
-def _plot_errors_and_radii(ax: Axes, certificate: Certificate, bound: str) -> None:
+def _plot_errors_and_bounds(ax: Axes, certificate: Certificate, bound: str) -> None:
     """Plot the position error over time with its finite a posteriori and a priori bounds of one kind."""
-    best = certificate.radii[bound]
+    best = certificate.ultimate_bounds[bound]
     blue, red, source = (
         style.LINE_STYLES["C3"].color,
         style.LINE_STYLES["C2"].color,
@@ -77,26 +79,31 @@ def _plot_errors_and_radii(ax: Axes, certificate: Certificate, bound: str) -> No
     ax.legend(loc="upper left")
 
 
-def _plot_slack(ax: Axes, slack: Mapping[str, float]) -> None:
-    """Plot the finite bounds of e_p under successively stronger arguments, down to the observed error."""
-    names = [name for name, radius in slack.items() if np.isfinite(radius)]
-    sizes = [1e3 * slack[name] for name in names]
+def _plot_conservatism(ax: Axes, conservatism: Mapping[str, float]) -> None:
+    """Plot the finite bounds of e_p under successively stronger arguments, down to the observed error.
+
+    The axis is logarithmic and has no zero, so that each value is a point and not a bar.
+    """
+    names = [name for name, bound in conservatism.items() if np.isfinite(bound)]
+    sizes = [1e3 * conservatism[name] for name in names]
     rows = np.arange(len(names))[::-1]
-    colors = {"observed": style.LINE_STYLES["C3"].color, "nominal error": "0.6"}
-    ax.barh(rows, sizes, color=[colors.get(name, style.LINE_STYLES["C2"].color) for name in names], height=0.6)
+    looks = {"observed": (style.LINE_STYLES["C3"].color, "^"), "nominal error": ("0.5", "s")}
+    for y, name, size in zip(rows, names, sizes, strict=True):
+        color, marker = looks.get(name, (style.LINE_STYLES["C2"].color, "o"))
+        ax.plot(size, y, marker, color=color, markersize=4.5)
+        text = f"{size:.3g} mm" if size < 1e3 else f"{size / 1e3:.3g} m" if size < 1e6 else f"{size / 1e6:.3g} km"
+        ax.annotate(text, (size, y), (6, 0), textcoords="offset points", va="center", fontsize=7)
     ax.set_xscale("log")
     ax.xaxis.set_minor_locator(NullLocator())
     ax.set_yticks(rows, names)
-    ax.set(xlabel=r"maximum $\Vert e_p\Vert$ [mm]", xlim=(0.5 * min(sizes), 100 * max(sizes)))
-    ax.grid(axis="y", visible=False)
-    for y, size in zip(rows, sizes, strict=True):
-        ax.text(size * 1.2, y, f"{size:.3g}" if size < 1e4 else f"{size / 1e3:.3g} m", va="center", fontsize=7)
+    room = (max(sizes) / min(sizes)) ** 0.3  # for the text beside the largest value
+    ax.set(xlabel=r"maximum $\Vert e_p\Vert$ [mm]", xlim=(0.4 * min(sizes), 3 * room * max(sizes)))
 
 
 def plot_bound_vs_data(
     n: Sequence[float],
-    radii: Mapping[str, Sequence[float]],
-    floor: Sequence[float],
+    bounds: Mapping[str, Sequence[float]],
+    nominal_error: Sequence[float],
     parts: Mapping[str, Sequence[float]],
     path: str | Path,
 ) -> list[Path]:
@@ -106,8 +113,8 @@ def plot_bound_vs_data(
 
     Args:
         n: Number of data points of each body.
-        radii: Ultimate bounds and observed errors [m], by label.
-        floor: Nominal error [m].
+        bounds: Ultimate bounds and observed errors [m], by label.
+        nominal_error: Nominal error [m].
         parts: Factors of a bound, by label; each curve is divided by its first value.
         path: Path of the files without suffix.
 
@@ -118,16 +125,18 @@ def plot_bound_vs_data(
     with style.style_context():
         figure = Figure(figsize=(style.PAGE_WIDTH, 2.6))
         left, right = figure.subplots(1, 2)
-        for (name, radius), color, marker in zip(radii.items(), colors, markers, strict=False):
-            left.plot(n, 1e3 * np.asarray(radius), color=color, marker=marker, markersize=3.5, label=name)
-        left.plot(n, 1e3 * np.asarray(floor), color="0.5", linewidth=0.8, dashes=(4, 2), label="nominal error")
+        for (name, bound), color, marker in zip(bounds.items(), colors, markers, strict=False):
+            left.plot(n, 1e3 * np.asarray(bound), color=color, marker=marker, markersize=3.5, label=name)
+        error = 1e3 * np.asarray(nominal_error)
+        left.plot(n, error, color="0.5", linewidth=0.8, dashes=(4, 2), label="nominal error")
         left.set(ylabel=r"ultimate $\Vert e_p\Vert$ [mm]")
         for (name, part), color, marker in zip(parts.items(), colors, markers, strict=False):
             right.plot(n, np.asarray(part) / part[0], color=color, marker=marker, markersize=3.5, label=name)
         right.set(ylabel="relative to the smallest data set")
         for ax in (left, right):
-            ax.set(xscale="log", yscale="log", xlabel="data points per body")
+            ax.set(xscale="log", xlabel="data points per body")
+            log_scale(ax)
             ax.set_xticks(n, [f"{each:g}" for each in n])
-            ax.minorticks_off()
+            ax.xaxis.set_minor_locator(NullLocator())
             ax.legend()
         return style.save_figure(figure, Path(path))

@@ -1,13 +1,17 @@
 """Live playback page of a running simulation.
 
 A local web server provides the page and sends new frames as server-sent events. It accepts connections from this
-computer only.
+computer only, and only requests whose address contains a random token, so that other users of the computer and pages of
+other sites cannot read the flight.
 """
 
 from __future__ import annotations
 
 import contextlib
 import json
+import secrets
+import socket
+import sys
 import threading
 from collections.abc import Callable, Generator, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -30,7 +34,11 @@ from colift.visualization import playback, scene
 
 HOST = "127.0.0.1"
 CONTENT_SECURITY_POLICY = f"{playback.CONTENT_SECURITY_POLICY}; connect-src 'self'"
-EVENTS = "/events"  # path of the event stream
+EVENTS = "events"  # path of the event stream, relative to the page
+MAX_CONNECTIONS = 16
+"""Number of connections that are served at the same time; further ones are closed."""
+REQUEST_TIMEOUT = 5.0
+"""Longest time for a request to arrive and for a reader to accept data [s]."""
 
 
 @contextlib.contextmanager
@@ -96,7 +104,7 @@ class _FrameEncoder:
         }
         names = (team.agent_names(settings), team.joint_names(settings), team.contact_names(settings))
         labels = dict(zip(("agents", "joints", "contacts"), names, strict=True))
-        return log.dataset(rows, sigma=sigma, attrs=attrs, **labels)
+        return log.dataset(rows, team=self.team, sigma=sigma, attrs=attrs, **labels)
 
     def event(self, ds: xr.Dataset) -> dict[str, Any]:
         """Return the frames since the previous event, and the events of the flight until now."""
@@ -197,23 +205,68 @@ class EventStream:
                 return
 
 
+class _Server(ThreadingHTTPServer):
+    """HTTP server with a limited number of connections."""
+
+    daemon_threads = True
+
+    def __init__(self, handler: type[BaseHTTPRequestHandler]) -> None:
+        super().__init__((HOST, 0), handler)
+        self._free = threading.BoundedSemaphore(MAX_CONNECTIONS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Print nothing if a reader has closed the connection or does not accept data."""
+        if not isinstance(sys.exception(), OSError):
+            super().handle_error(request, client_address)
+
+
 @contextlib.contextmanager
 def _serve(page: bytes, stream: EventStream) -> Generator[str]:
     """Serve the page and its events on a free port of this computer until the block ends; yield the address."""
+    root = f"/{secrets.token_urlsafe(16)}/"
 
     class RequestHandler(BaseHTTPRequestHandler):
+        timeout = REQUEST_TIMEOUT
+
+        def setup(self) -> None:
+            super().setup()  # the attribute `timeout` limits the time between two bytes, the timer that of the request
+            self._timer = threading.Timer(REQUEST_TIMEOUT, self._close_connection)
+            self._timer.daemon = True
+            self._timer.start()
+
+        def _close_connection(self) -> None:
+            with contextlib.suppress(OSError):
+                self.connection.shutdown(socket.SHUT_RDWR)
+
+        def finish(self) -> None:
+            self._timer.cancel()
+            super().finish()
+
         def do_GET(self) -> None:
-            address = f"{HOST}:{server.server_port}"
-            if self.headers.get("Host") not in (address, f"localhost:{server.server_port}"):
-                self.send_error(403)  # DNS rebinding: the name of another host resolves to this computer
-            elif self.path == "/":
+            self._timer.cancel()
+            hosts = {f"{host}:{server.server_port}" for host in (HOST, "localhost")}
+            origin = self.headers.get("Origin")
+            if self.headers.get("Host") not in hosts or (origin and origin.removeprefix("http://") not in hosts):
+                self.send_error(403)  # DNS rebinding, or a page of another site
+            elif self.path == root:
                 self._send_headers("text/html; charset=utf-8")
                 self.wfile.write(page)
-            elif self.path == EVENTS:
+            elif self.path == root + EVENTS:
                 self._send_headers("text/event-stream")
-                with contextlib.suppress(ConnectionError):  # the browser has closed the page
-                    for event in stream.subscribe():
-                        self.wfile.write(event)
+                for event in stream.subscribe():
+                    self.wfile.write(event)
             else:
                 self.send_error(404)
 
@@ -226,11 +279,11 @@ def _serve(page: bytes, stream: EventStream) -> Generator[str]:
         def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
             pass  # requests must not appear between the log lines of the simulation
 
-    server = ThreadingHTTPServer((HOST, 0), RequestHandler)
+    server = _Server(RequestHandler)
     thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
     thread.start()
     try:
-        yield f"http://{HOST}:{server.server_port}/"
+        yield f"http://{HOST}:{server.server_port}{root}"
     finally:
         server.shutdown()
         server.server_close()

@@ -23,7 +23,7 @@ from colift.runtime import atomic_write, run_directory
 from colift.scenario import team as team_module
 from colift.visualization import scene
 
-PAGE_FILE = "view.html"
+PAGE_FILE = "playback.html"
 ARROWS = {
     "thrust": "thrust",
     "contact": "contact force on the payload",
@@ -43,12 +43,12 @@ def write(out: Path, cases: Mapping[str, str]) -> Path:
         cases: Description of each case.
 
     Returns:
-        Path of the page, `out/view.html`.
+        Path of the page, `out/playback.html`.
     """
     run, flights = log.load_flights(out, cases)
     text = build_page(flights, cases)
-    with run_directory.lock_run_directory(out, run, (PAGE_FILE,)):
-        atomic_write.write_atomic(out / PAGE_FILE, text.encode())
+    with run_directory.stage_run_directory(out, run, (PAGE_FILE,)) as folder:
+        atomic_write.write_atomic(folder.path / PAGE_FILE, text.encode())
     return out / PAGE_FILE
 
 

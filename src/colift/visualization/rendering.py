@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from matplotlib import animation
+from matplotlib import animation, patheffects
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
@@ -38,11 +38,19 @@ CAMERA_UP = np.cross(CAMERA_DIRECTION, CAMERA_RIGHT)
 LIGHT_DIRECTION = np.array([0.3, -0.4, 0.86])
 FOLLOW_DISTANCE = 12.0  # team sizes; on longer paths the view follows the payload
 FOLLOW_MARGIN = 1.15  # team sizes, from the payload to the edge of a view that follows it
+GROUND_SHARE = 0.15  # of the size of the flight, height up to which a view of the whole flight includes the ground
+VIEW_ROWS = 40  # rows of a flight whose bodies determine the view of the whole flight
+HALO: list[patheffects.AbstractPathEffect] = [
+    patheffects.withStroke(linewidth=2.2, foreground="white")
+]  # around names, which may lie on bodies and arrows
 GRID_SPACING = 1.0  # m, line spacing of the ground grid
 COLORS = {"thrust": "#228833", "contact": "#111111", "disturbance": "#0099CC"}  # of force arrows
 REFERENCE, FRAME, ARM = "#33393F", "#3D444C", "#8A939D"
 IMAGE_SUFFIXES, VIDEO_SUFFIXES = (".png", ".pdf", ".svg"), (".gif", ".mp4")
-PANEL_INCHES = 3.6  # in, edge of the panel of one case
+PANEL_INCHES = 3.6  # in, width of the panel of one case
+PANEL_STEP = 0.2  # in, its height is a multiple of this, which gives an even number of pixels, as videos require
+PANEL_RATIOS = (0.55, 1.1)  # limits of its height over its width
+TEXT_RATIO = 0.2  # height of title and readings over its width
 VIDEO_DPI = 110
 FRAME_RATE = {".gif": 20, ".mp4": 30}  # 1/s; the frame duration of a GIF is a multiple of 0.01 s
 PALETTE = 48  # number of colors of a GIF
@@ -149,7 +157,7 @@ def render_video(
         data: Drawing data of each case.
         file: Path of the file; the suffix `.gif` or `.mp4` determines the format. MP4 requires ffmpeg.
         speed: Playback speed relative to real time.
-        dpi: Resolution [1/in]; the panel of one case has an edge of 3.6 in.
+        dpi: Resolution [1/in]; the panel of one case has a width of 3.6 in.
         start: Time of the first frame [s].
 
     Raises:
@@ -186,16 +194,23 @@ def _draw_frames(axes: Sequence[Axes], data: Sequence[RenderData], times: np.nda
 
 
 def _gif(figure: Figure, drawn: Iterator[None], rate: int) -> bytes:
-    """Encode all frames with a palette of a few of them, so that static areas do not change between frames."""
+    """Encode all frames with a palette of a few of them, so that static areas do not change between frames.
+
+    A strip with the colours of arrows and agents is added, because thin lines have too few pixels to obtain a colour.
+    """
     canvas = FigureCanvasAgg(figure)
     frames = []
     for _ in drawn:
         canvas.draw()
         frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy()))
     few = frames[:: max(1, len(frames) // 4)]
-    strip = Image.new("RGB", (few[0].width, few[0].height * len(few)))
+    swatch = few[0].height // 6
+    strip = Image.new("RGB", (few[0].width, few[0].height * len(few) + swatch), "white")
     for k, each in enumerate(few):
         strip.paste(each, (0, k * each.height))
+    colors = (*COLORS.values(), *style.AGENT_COLORS[:2])
+    for k, color in enumerate(colors):
+        strip.paste(color, (k * swatch, few[0].height * len(few), (k + 1) * swatch, strip.height))
     palette = strip.quantize(PALETTE, dither=Image.Dither.NONE)
     first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for each in frames)
     buffer = io.BytesIO()
@@ -218,8 +233,11 @@ def _mp4(figure: Figure, drawn: Iterator[None], rate: int) -> bytes:
 
 
 def _make_panels(data: Sequence[RenderData]) -> tuple[Figure, list[Axes]]:
-    """Make a figure with one panel per case and no margins."""
-    figure = Figure(figsize=(PANEL_INCHES * len(data), PANEL_INCHES))
+    """Make a figure with one panel per case and no margins; the height follows from the view of the flight."""
+    low, high = (limit(_project(_view_corners(data, 0)), axis=0) for limit in (np.min, np.max))
+    ratio = float(np.clip((high - low)[1] / (high - low)[0] + TEXT_RATIO, *PANEL_RATIOS))
+    height = PANEL_STEP * round(PANEL_INCHES * ratio / PANEL_STEP)
+    figure = Figure(figsize=(PANEL_INCHES * len(data), height))
     figure.set_layout_engine("none")
     n = len(data)
     return figure, [figure.add_axes((k / n, 0.0, 1 / n, 1.0)) for k in range(n)]
@@ -290,7 +308,7 @@ def draw(
             [face[1] for face in faces],
             facecolors=[face[2] for face in faces],
             edgecolors=[face[2] for face in faces],
-            linewidths=0.3,
+            linewidths=0.8,  # covers the seams between patches
             zorder=3,
         )
     )
@@ -320,33 +338,41 @@ def _path_is_long(data: Sequence[RenderData]) -> bool:
     return bool(np.linalg.norm(np.ptp(path, axis=0)) > FOLLOW_DISTANCE * data[0].shape["size_m"])
 
 
+def _view_corners(data: Sequence[RenderData], k: int) -> np.ndarray:
+    """Return points that the view of the flight contains, or that of the row k if the path is long."""
+    if _path_is_long(data):
+        return _follow_corners(data[0].signals["p"][k], data[0].shape["size_m"])
+    return _flight_corners(data)
+
+
 def _flight_corners(data: Sequence[RenderData]) -> np.ndarray:
     """Return points around all bodies during the flights, including the ground if it is near."""
-    size, ground = data[0].shape["size_m"], data[0].ground
-    points = [case.signals[name].reshape(-1, 3) for case in data for name in ("p", "p_d", "base", "nodes")]
+    ground, points = data[0].ground, [case.signals["p_d"] for case in data]
+    for case in data:
+        rows = range(0, len(case.t), max(1, len(case.t) // VIEW_ROWS))
+        points += [_team_corners(case, k) for k in (*rows, len(case.t) - 1)]
     corners = np.concatenate(points)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    shape = data[0].shape
-    reach = [
-        np.linalg.norm(rotor) + agent["rotor_radius_m"] for agent in shape["agents"] for rotor in agent["rotors_m"]
-    ]
-    margin = 0.12 * size + max([float(np.linalg.norm(shape["payload"]["half_m"])), *reach])
-    corners = np.concatenate(
-        [corners - margin, corners + margin, [corners[corners[:, 2].argmax()] + [0, 0, 0.6 * size]]]
-    )
-    if low[2] - ground < np.linalg.norm(high - low):
+    if low[2] - ground < GROUND_SHARE * np.linalg.norm(high - low):
         corners = np.concatenate([corners, [[*(low[:2] + high[:2]) / 2, ground]]])
     return corners
 
 
 def _team_corners(data: RenderData, k: int) -> np.ndarray:
-    """Return points around the team at one row: payload, nodes and the tips of the thrust arrows."""
+    """Return points around the team at one row: payload, nodes, rotors and the tips of the force arrows."""
     tracks, payload = {name: x[k] for name, x in data.signals.items()}, data.shape["payload"]
-    half, margin = np.array(payload["half_m"]), 0.12 * data.shape["size_m"]
+    half, margin = np.array(payload["half_m"]), 0.05 * data.shape["size_m"]
     box = tracks["p"] + _corners(-half, half) @ (_rotation(tracks["q"]) @ _rotation(np.array(payload["axes_wxyz"]))).T
-    tips = [base + force / data.arrow_scales[kind] for kind, base, force in _forces(data, tracks) if kind == "thrust"]
-    points = np.concatenate([box, tracks["nodes"], tips])
-    return np.concatenate([points - margin, points + margin])
+    tips = [start + force / data.arrow_scales[kind] for kind, start, force in _forces(data, tracks)]
+    rims = [
+        base + _rotation(q) @ np.array(rotor) + sign * agent["rotor_radius_m"] * along
+        for agent, base, q in zip(data.shape["agents"], tracks["base"], tracks["base_q"], strict=True)
+        for rotor in agent["rotors_m"]
+        for sign in (-1, 1)
+        for along in (CAMERA_RIGHT, CAMERA_UP)
+    ]
+    points = np.concatenate([box, tracks["nodes"], tips, rims])
+    return np.concatenate([points + sign * margin * along for sign in (-1, 1) for along in (CAMERA_RIGHT, CAMERA_UP)])
 
 
 def _follow_corners(p: np.ndarray, size: float) -> np.ndarray:
@@ -495,11 +521,15 @@ def _write_names(ax: Axes, data: RenderData, k: int) -> None:
     for j, agent in enumerate(data.shape["agents"]):
         tip = tracks["base"][j] + tracks["u"][j] / data.arrow_scales["thrust"] * _rotation(tracks["base_q"][j])[:, 2]
         x, y = _project(tip)
-        ax.annotate(agent["name"], (x, y), (0, 3), textcoords="offset points", ha="center", fontsize=8, zorder=5)
+        text = ax.annotate(agent["name"], (x, y), (0, 3), textcoords="offset points", ha="center", fontsize=8, zorder=5)
+        text.set_path_effects(HALO)
     for contact in data.shape["contacts"]:
         x, y = _project(tracks["nodes"][contact["node"]])
         name = contact["name"].split("/")[1]
-        ax.annotate(name, (x, y), (0, -4), textcoords="offset points", ha="center", va="top", fontsize=6.5, zorder=5)
+        text = ax.annotate(
+            name, (x, y), (0, -5), textcoords="offset points", ha="center", va="top", fontsize=7, zorder=5
+        )
+        text.set_path_effects(HALO)
 
 
 def _rotation(q: np.ndarray) -> np.ndarray:

@@ -6,16 +6,18 @@ The page requires no network access and no other file.
 from __future__ import annotations
 
 import base64
+import contextlib
 import html
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
 from rich.table import Table
 
 from colift import scenario
-from colift.analysis import poses
+from colift.analysis import poses, result_files
 from colift.closed_loop import log
 from colift.runtime import atomic_write, run_directory
 from colift.scenario import Scenario
@@ -50,8 +52,11 @@ th, td { padding: 3px 9px; border-bottom: 1px solid var(--line); text-align: rig
 .wide td, .wide th { white-space: nowrap; } .wide .words td { white-space: normal; min-width: 7em; }
 th:first-child, td:first-child, .words td, .words th { text-align: left; overflow-wrap: normal; }
 .words th { font-weight: normal; color: var(--quiet); vertical-align: top; white-space: nowrap; }
+.words td { overflow-wrap: anywhere; } .wide + .words { margin-top: 1.2em; }
 figure { margin: 1.2em 0; } figure img { display: block; width: 100%; background: #fff; }
-iframe { width: 100%; height: 760px; border: 1px solid var(--line); }
+iframe { width: 100%; height: 860px; border: 1px solid var(--line); }
+@media (max-width: 700px) { iframe { height: 1500px; } .words th { white-space: normal; }
+  figure { overflow-x: auto; } figure img { width: 700px; max-width: none; } }
 """
 
 
@@ -76,12 +81,12 @@ def write_report(
         Path of the report, `out/report.html`.
 
     Raises:
-        ValueError: If the folder contains no summary, or if its logs and its summary are of different runs.
+        ValueError: If the folder contains no summary, if logs and summary differ in run, or if a file is damaged.
     """
     if not (out / SUMMARY).is_file():
         raise ValueError(f"{out} contains no {SUMMARY}; colift study writes it at the end of all flights")
-    summary, flights = json.loads((out / SUMMARY).read_text()), log.load_flights(out, cases)[1]
-    run, first = summary["run"], next(iter(flights.values()))
+    summary, flights = result_files.load_summary(out / SUMMARY), log.load_flights(out, cases)[1]
+    run, first = str(summary.get("run")), next(iter(flights.values()))
     if first.attrs["run"] != run:
         raise ValueError(
             f"{out} contains flights of {first.attrs['run']} and a {SUMMARY} of {run}: run colift study again"
@@ -89,24 +94,38 @@ def write_report(
     settings = poses.scenario_of_log(first)
     certificate = None
     if (out / CERTIFICATE).is_file() and run_directory.read_run_id(out / CERTIFICATE) == run:
-        certificate = json.loads((out / CERTIFICATE).read_text())
+        certificate = result_files.load_certificate(out / CERTIFICATE)
     descriptions = _definitions({name: cases[name] for name in flights})
-    parts = [
-        _head(settings, summary),
-        _section("Warnings", _list(collect_warnings(summary, certificate))),
-        _section("Run", _run(summary, settings)),
-        _section("Second half of the run", _table(metrics_table(summary)) + descriptions),
-        _section("Figures", "".join(_figures(out, run, certificate is not None))),
-    ]
+    with _report_damage(out / SUMMARY):
+        parts = [
+            _head(settings, summary),
+            _section("Warnings", _list(collect_warnings(summary, None))),
+            _section("Run", _run(summary, settings) + _omitted_plugins(first)),
+            _section("Second half of the run", _table(metrics_table(summary)) + descriptions),
+            _section("Figures", "".join(_figures(out, run, certificate is not None))),
+        ]
     if certificate is not None:
-        table, lines = certificate_table(certificate)
-        parts.append(_section("Certificate", _table(table) + "".join(f"<p>{html.escape(line)}</p>" for line in lines)))
+        with _report_damage(out / CERTIFICATE):
+            parts[1] = _section("Warnings", _list(collect_warnings(summary, certificate)))
+            table, lines = certificate_table(certificate)
+            notes = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
+            parts.append(_section("Certificate", _table(table) + notes))
     page = html.escape(playback.build_page(flights, cases))
     parts.append(_section("Playback", f'<iframe title="playback of the flights" srcdoc="{page}"></iframe>'))
     parts.append(_section("Settings", _settings(settings)))
-    with run_directory.lock_run_directory(out, run, (PAGE_FILE,)):
-        atomic_write.write_atomic(out / PAGE_FILE, _document(settings.name, "\n".join(parts)).encode())
+    with run_directory.stage_run_directory(out, run, (PAGE_FILE,)) as folder:
+        atomic_write.write_atomic(folder.path / PAGE_FILE, _document(settings.name, "\n".join(parts)).encode())
     return out / PAGE_FILE
+
+
+@contextlib.contextmanager
+def _report_damage(path: Path) -> Generator[None]:
+    """Raise ValueError with the name of a file if an entry is missing or has a wrong type."""
+    try:
+        yield
+    except (KeyError, TypeError, AttributeError, IndexError, OverflowError) as error:
+        reason = f"no entry {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{path} is damaged: {reason}; run the command that writes it again") from error
 
 
 def collect_warnings(summary: Mapping[str, Any], certificate: Mapping[str, Any] | None) -> list[tuple[bool, str]]:
@@ -126,32 +145,32 @@ def collect_warnings(summary: Mapping[str, Any], certificate: Mapping[str, Any] 
     ]
     if certificate is not None:
         warnings += [
-            (True, f"certificate: {each['error']} is above a bound of {each['bound']}: {_excess(each)}")
-            for each in certificate["exceeded"]
+            (True, f"certificate: {each['error']} is above a bound of {each['prediction_bound']}: {_excess(each)}")
+            for each in certificate["violations"]
         ]
     warnings += [(False, text) for text in summary["warnings"]]
     for case, metrics in summary["cases"].items():
         warnings += [(False, f"{case}: {text}") for text in metrics["warnings"]]
         if ticks := metrics["saturated_ticks"]:
             warnings.append((False, f"{case}: thrust reached its limit at {ticks} ticks (sum over the agents)"))
-        bodies = [metrics["bound"]["payload"], *metrics["bound"]["agents"]]
-        maximum = max(max(body["exceeded_share"].values()) for body in bodies)
+        bodies = [metrics["error_bound"]["payload"], *metrics["error_bound"]["agents"]]
+        maximum = max(max(body["violation_rate"].values()) for body in bodies)
         if maximum > 0:
             warnings.append(
                 (False, f"{case}: a prediction error exceeds its bound (figure 5) {maximum:.1%} of the time")
             )
-    if summary["bound"]["assumed"]:
-        assumptions = ", ".join(summary["bound"]["assumed"])
-        warnings.append((False, f"the error bounds of figure 5 require unproven assumptions: {assumptions}"))
+    if unproven := summary["error_bound_assumptions"]["unproven_assumptions"]:
+        warnings.append((False, f"the error bounds of figure 5 require unproven assumptions: {', '.join(unproven)}"))
     if certificate is not None:
-        assumed = dict.fromkeys(name for radii in certificate["radii"].values() for name in radii["assumed"])
+        each = certificate["ultimate_bounds"].values()
+        assumed = dict.fromkeys(name for bounds in each for name in bounds["unproven_assumptions"])
         warnings += [(False, f"the certificate requires unproven assumptions: {', '.join(assumed)}")] if assumed else []
     return warnings
 
 
 def _excess(each: Mapping[str, Any]) -> str:
     """Return a text with the observed error and its bound."""
-    return f"observed {each['observed']:.4g}, bound {each['radius']:.4g} (SI units)"
+    return f"observed {each['observed']:.4g}, bound {each['ultimate_bound']:.4g} (SI units)"
 
 
 def setting_differences(settings: Scenario) -> list[tuple[str, str, str]] | None:
@@ -215,15 +234,15 @@ def _list(warnings: Sequence[tuple[bool, str]]) -> str:
 
 def _run(summary: Mapping[str, Any], settings: Scenario) -> str:
     """Return the table of the run and the settings that differ from the shipped scenario."""
-    slowest, margins = summary["slowest_mode"], summary.get("margins")  # absent in old studies
+    slowest, margins = summary["slowest_mode"], summary.get("stability_margins")  # absent in early studies
     rows = {
         "command": summary["command"],
         "scenario": f"{settings.name}, seed {summary['seed']}, {settings.duration_s:g} s at {settings.control_Hz:g} Hz",
         "plant": summary["plant"],
-        "slowest mode at rest": slowest["says"] if slowest else "not found",
-        "margins at rest": margins["says"] if margins else "none",
+        "slowest mode at rest": slowest["description"] if slowest else "not found",
+        "margins at rest": margins["description"] if margins else "none",
         "versions": ", ".join(f"{name} {version}" for name, version in summary["versions"].items()),
-        "run": f"{summary['run']}, settings {summary['settings']}",
+        "run": f"{summary['run']}, settings {summary['settings_digest']}",
     }
     differences, name = setting_differences(settings), html.escape(settings.name)
     if differences is None:
@@ -237,6 +256,14 @@ def _run(summary: Mapping[str, Any], settings: Scenario) -> str:
     return (
         _definitions(rows)
         + f'<h3>Changed settings</h3><div class="wide"><table class="words">{head}{cells}</table></div>'
+    )
+
+
+def _omitted_plugins(ds: xr.Dataset) -> str:
+    """Return a sentence on the plugins of the scenario, which are not loaded."""
+    names = ", ".join(html.escape(name) for name in poses.plugin_classes(ds))
+    return f"<p>The run used plugins ({names}). This page omits their settings, since it loads no plugin.</p>" * bool(
+        names
     )
 
 

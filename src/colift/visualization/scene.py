@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from colift.analysis.poses import desired_attitude, poses_by_group
+from colift.analysis.poses import base_positions, desired_attitude
 from colift.closed_loop import log
 from colift.math import so3
 from colift.math.linalg import matvec
@@ -44,8 +44,8 @@ def frame_rows(ds: xr.Dataset) -> np.ndarray:
     Returns:
         Row indices in ascending order.
     """
-    poses = [ds[name].values.reshape(ds.sizes["time"], -1) for name in ("p", "R_L", "p_d", "x", "R", "r")]
-    not_finite = ~np.isfinite(np.concatenate(poses, axis=1)).all(axis=1)
+    poses = [ds[name].values.reshape(ds.sizes["time"], -1) for name in ("p", "R_L", "p_d", "x", "R")]
+    not_finite = ~np.isfinite(np.concatenate([*poses, log.all_joints(ds, "r").values], axis=1)).all(axis=1)
     return subsample(ds.time.values[: int(not_finite.argmax()) if not_finite.any() else None])
 
 
@@ -112,46 +112,52 @@ def poses(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
     Returns:
         Signals by name.
     """
-    base, nodes = [], []
-    for group, R, x, r in poses_by_group(ds, team):
-        points = np.asarray(_points(group, R, x, r))
-        base.append(points[:, :, 0])
-        nodes.append(points.reshape(len(points), -1, 3))
+    base = base_positions(ds, team)
     R_d = desired_attitude(jnp.asarray(ds.R_L.values), jnp.asarray(ds.e_R.values), jnp.asarray(ds.Psi.values))
-    non_gravity = float(team.payload.mass) * (ds.a_L.values[:, :3] - np.asarray(team.gravity))
+    non_gravity = float(team.payload.mass) * (ds.a_L.values - np.asarray(team.gravity))
     return {
         "p": ds.p.values,
-        "q": np.asarray(_quaternion(jnp.asarray(ds.R_L.values))),
+        "q": ds.q_L.values,
         "p_d": ds.p_d.values,
         "q_d": np.asarray(_quaternion(R_d)),
-        "base": np.concatenate(base, axis=1),
-        "base_q": np.asarray(_quaternion(jnp.asarray(ds.R.values))),
-        "nodes": np.concatenate(nodes, axis=1),
+        "base": base,
+        "base_q": ds.q.values,
+        "nodes": _nodes(ds, team, base),
         "u": ds.u.values,
         "lam": ds.lam.values,
         "disturbance": non_gravity - ds.lam.values.sum(axis=1),
     }
 
 
+def _nodes(ds: xr.Dataset, team: Team, base: np.ndarray) -> np.ndarray:
+    """Compute the positions of base origin, joints and tips of all agents in the world frame [m]; time first."""
+    nodes, agent, joint = [], 0, 0
+    R, r = ds.R.values, log.all_joints(ds, "r").values
+    for size, group in zip(team.sizes, team.agent_groups, strict=True):
+        agents, joints = slice(agent, agent + size), slice(joint, joint + size * group.tree.joints)
+        own = r[:, joints].reshape(len(r), size, group.tree.joints)
+        points = np.asarray(_points(group, *map(jnp.asarray, (R[:, agents], base[:, agents], own))))
+        nodes.append(points.reshape(len(points), -1, 3))
+        agent, joint = agents.stop, joints.stop
+    return np.concatenate(nodes, axis=1)
+
+
 @jax.jit
 def _points(
     group: AerialManipulator,
     R: Float[Array, "time agents 3 3"],
-    x: Float[Array, "time agents 3"],
+    p_base: Float[Array, "time agents 3"],
     r: Float[Array, "time agents n_r"],
 ) -> Float[Array, "time agents nodes 3"]:
     """Compute the positions of base origin, joints and tips in the world frame [m]."""
 
     def agent_points(
-        agent: AerialManipulator, R: Float[Array, "3 3"], x: Float[Array, "3"], r: Float[Array, "n_r"]
+        agent: AerialManipulator, R: Float[Array, "3 3"], p_base: Float[Array, "3"], r: Float[Array, "n_r"]
     ) -> Array:
         joints_and_tips = aerial_manipulator.forward_kinematics(agent, r).points[agent.tree.joints + 1 :]
-        from_base = (
-            jnp.concatenate([jnp.zeros((1, 3)), joints_and_tips]) - aerial_manipulator.center_of_mass(agent, r)[None]
-        )
-        return x[None] + matvec(R[None], from_base)
+        return p_base[None] + matvec(R[None], jnp.concatenate([jnp.zeros((1, 3)), joints_and_tips]))
 
-    return jax.vmap(jax.vmap(agent_points), in_axes=(None, 0, 0, 0))(group, R, x, r)
+    return jax.vmap(jax.vmap(agent_points), in_axes=(None, 0, 0, 0))(group, R, p_base, r)
 
 
 _quaternion = jax.jit(so3.quaternion)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,13 +19,24 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from colift.closed_loop import log
 from colift.visualization import axes as axes_module
 from colift.visualization import rendering, uncertainty_figures
-from colift.visualization.style import DASH_PATTERNS, DOTS, PAGE_WIDTH, save_figure, style_context, style_of, tint
+from colift.visualization.style import (
+    DASH_PATTERNS,
+    DOTS,
+    PAGE_WIDTH,
+    NotebookFigure,
+    save_figure,
+    style_context,
+    style_of,
+    tint,
+)
 
+COMPARISON_COLUMNS = 4  # of the legend of figures that show all cases
 MARKERS = 9  # per line, so that lines differ in black and white
 RANGE_OPACITY = 0.3  # opacity of the range of a noisy signal
-TRUE_ERROR_STYLE: dict[str, Any] = {"color": "0.72", "linewidth": 2.8, "solid_capstyle": "butt"}
+TRUE_VALUE_STYLE: dict[str, Any] = {"color": "#88DDCC", "linewidth": 2.2, "solid_capstyle": "butt"}
 CHANGE_POINT_STYLE: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
 REFIT_STYLE: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
 EVENTS = {
@@ -67,7 +79,9 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
         "figure_4_forces": lambda: plot_contact_forces(in_columns, descriptions),
         "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(in_columns, descriptions),
     }
-    if corrected := {name: ds for name, ds in cases.items() if "innovation_L" in ds and "change_points" in ds.attrs}:
+    if corrected := {
+        name: ds for name, ds in cases.items() if "innovation_L_force" in ds and "change_points" in ds.attrs
+    }:
         plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with style_context():
@@ -124,7 +138,7 @@ def plot_wrench_mismatch(cases: axes_module.Cases, descriptions: Mapping[str, st
     lines = {
         name: (
             ds.time.values,
-            [axes_module.rms(ds, axes_module.norm(part)) for part in (ds.delta_W[:, :3], ds.delta_W[:, 3:])],
+            [axes_module.rms(ds, axes_module.norm(part)) for part in (ds.delta_W_force, ds.delta_W_moment)],
         )
         for name, ds in cases.items()
     }
@@ -140,8 +154,9 @@ Lines = Mapping[str, tuple[np.ndarray, Sequence[np.ndarray]]]  # by case: times,
 def _plot_comparison(
     cases: axes_module.Cases, descriptions: Mapping[str, str], lines: Lines, labels: Sequence[str]
 ) -> Figure:
-    """Plot all cases in panels below each other, with the legend beside them."""
-    figure = Figure(figsize=(PAGE_WIDTH, 3.6))
+    """Plot all cases in panels below each other, with the legend below them."""
+    columns = min(COMPARISON_COLUMNS, len(cases))
+    figure = NotebookFigure(figsize=(PAGE_WIDTH, 3.6 + 0.16 * math.ceil(len(cases) / columns)))
     axes = list(figure.subplots(len(labels), 1, sharex=True))
     for k, (name, ds) in enumerate(cases.items()):
         t, signals = lines[name]
@@ -157,7 +172,7 @@ def _plot_comparison(
     if not all(ds.attrs["complete"] for ds in cases.values()):
         handles.append(Line2D([], [], **TERMINATION_MARKER, color="black"))
         names.append("stopped early")
-    figure.legend(handles, names, loc="outside right upper")
+    figure.legend(handles, names, loc="outside lower center", ncols=columns)
     figure.align_ylabels(axes)
     return figure
 
@@ -234,7 +249,7 @@ def _plot_contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str])
         estimate, truth = (axes_module.norm(x.sel(contact=contact)) for x in (ds.lam_hat, ds.lam))
         low, high = (limit(estimate, n)[:: max(1, n // 2)] for limit in (minimum_filter1d, maximum_filter1d))
         ax.fill_between(ds.time[:: max(1, n // 2)], low, high, color=color, alpha=RANGE_OPACITY, linewidth=0)
-        ax.plot(t, axes_module.decimate(ds, truth), **TRUE_ERROR_STYLE, zorder=1.5)
+        ax.plot(t, axes_module.decimate(ds, truth), **TRUE_VALUE_STYLE, zorder=1.5)
         ax.plot(
             t, axes_module.decimate(ds, uniform_filter1d(estimate, n)), color=color, linestyle=dashes, linewidth=1.0
         )
@@ -249,7 +264,7 @@ def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
     styles = [(tint(axes_module.GREY, k, len(arms)), DASH_PATTERNS[k % len(DASH_PATTERNS)]) for k in arms]
     handles: list[Artist] = [Line2D([], [], color=color, linestyle=dashes) for color, dashes in styles]
     labels = [f"{' or '.join(names)}, {axes_module.SMOOTHING_WINDOW:g} s mean" for names in arms.values()]
-    handles += [Patch(color=axes_module.GREY, alpha=RANGE_OPACITY, linewidth=0), Line2D([], [], **TRUE_ERROR_STYLE)]
+    handles += [Patch(color=axes_module.GREY, alpha=RANGE_OPACITY, linewidth=0), Line2D([], [], **TRUE_VALUE_STYLE)]
     labels += [f"range in {axes_module.SMOOTHING_WINDOW:g} s", "true value"]
     if internal:
         handles.append(Patch(color=axes_module.ACTIVE_SHADE, linewidth=0))
@@ -282,7 +297,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
         )
         column[1].plot(
             t,
-            axes_module.decimate(ds, axes_module.norm(ds.innovation_L[:, :3])),
+            axes_module.decimate(ds, axes_module.norm(ds.innovation_L_force)),
             color=style_of(name).color,
             linewidth=0.9,
         )
@@ -290,9 +305,8 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
             color, dashes = axes_module.body_style(name, k, len(agents))
             r = axes_module.norm(ds.innovation_x.sel(agent=agent))
             column[2].plot(t, axes_module.decimate(ds, r), color=color, linestyle=dashes, linewidth=0.9, label=agent)
-        column[3].plot(
-            t, axes_module.decimate(ds, ds.model_gain_L.mean("wrench")), color=style_of(name).color, linewidth=0.9
-        )
+        gain = log.stack_parts(ds, "model_gain_L").mean("component")
+        column[3].plot(t, axes_module.decimate(ds, gain), color=style_of(name).color, linewidth=0.9)
         column[3].plot(t, axes_module.decimate(ds, ds.correction_weight), color=style_of(name).color, linestyle=DOTS)
         _plot_num_samples(column[4], name, ds)
         for ax in column:

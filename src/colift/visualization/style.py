@@ -20,6 +20,8 @@ from colift.runtime import atomic_write
 
 COLUMN_WIDTH, PAGE_WIDTH = 3.5, 7.16  # in, width of one and of two columns of the journal
 
+NOTEBOOK_DPI = 110
+
 STYLE = {
     "font.family": "STIXGeneral",
     "mathtext.fontset": "stix",
@@ -123,6 +125,16 @@ DASH_PATTERNS: tuple[Dashes, ...] = (
     SHORT_DASHES,
     (0, (8, 1.5, 1, 1.5, 1, 1.5)),
 )  # for the parts of one body
+
+
+class NotebookFigure(Figure):
+    """Figure that a notebook shows as the value of a cell; `pyplot` is not required."""
+
+    def _repr_png_(self) -> bytes:
+        """Return the figure as PNG."""
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png", dpi=NOTEBOOK_DPI)
+        return buffer.getvalue()
 
 
 def style_of(case: str) -> LineStyle:

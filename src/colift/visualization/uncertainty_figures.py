@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import uniform_filter1d
 
+from colift.closed_loop import log
 from colift.visualization import axes, style
 
 INFINITE_MARKER: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.6", "hatch": "//////", "linewidth": 0}
@@ -164,15 +165,18 @@ def _plot_by_body(
 def _errors(ds: xr.Dataset, row: FigureRow) -> list[np.ndarray]:
     """Compute `|f - f_hat|` of each body of a row at the times of the error bounds."""
     sampled = ds.sel(time=ds.time_sigma.values, method="nearest")
-    payload = (sampled.f_L - sampled.f_L_hat).values
-    force, torque, joint = ((sampled[f] - sampled[f"{f}_hat"]).values for f in ("f_x", "f_w", "f_r"))
+    payload = (log.stack_parts(sampled, "f_L") - log.stack_parts(sampled, "f_L_hat")).values
+    force, torque = ((sampled[f] - sampled[f"{f}_hat"]).values for f in ("f_x", "f_w"))
+    joint = (log.all_joints(sampled, "f_r") - log.all_joints(sampled, "f_r_hat")).values
     return _norms(ds, row, payload, force, torque, joint)
 
 
 def _predictive_std(ds: xr.Dataset, row: FigureRow) -> list[np.ndarray]:
     """Compute the norm of the predictive standard deviations of each body of a row."""
-    moments = (np.hypot(ds[f"sigma_{f}"].values, ds[f"label_bias_std_{f}"].values) for f in ("f_w", "f_r"))
-    return _norms(ds, row, ds.predictive_std_f_L.values, ds.predictive_std_f_x.values, *moments)
+    torque = np.hypot(ds.sigma_f_w.values, ds.label_bias_std_f_w.values)
+    joint = np.hypot(log.all_joints(ds, "sigma_f_r").values, log.all_joints(ds, "label_bias_std_f_r").values)
+    payload = log.stack_parts(ds, "predictive_std_f_L").values
+    return _norms(ds, row, payload, ds.predictive_std_f_x.values, torque, joint)
 
 
 def _norms(
@@ -184,7 +188,7 @@ def _norms(
     agents = ds.agent.values
     if not row.moment:
         return [np.linalg.norm(force[:, j], axis=1) for j in range(len(agents))]
-    owner = np.array([str(name).split("/")[0] for name in ds.joint.values])
+    owner = np.array([str(name).split("/")[0] for name in log.all_joints(ds, "r").joint.values])
     return [
         np.linalg.norm(np.hstack([torque[:, j], joint[:, owner == agent]]), axis=1) for j, agent in enumerate(agents)
     ]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from colift.analysis import result_files
 from colift.certification import (
     adversary,
     agent_iss,
@@ -20,10 +21,12 @@ from colift.certification import (
 )
 from colift.closed_loop import linearization
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
-from colift.runtime import atomic_write, run_directory
+from colift.runtime import atomic_write
 from colift.runtime.run_directory import RunDirectory
 from colift.scenario import Scenario, experiment, initial_states
-from colift.workflows import study
+
+UNITS = {"e_p": "m", "e_v": "m/s", "e_R": "1", "e_omega": "rad/s"}
+"""Unit of each error in `certificate.json`."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,7 +73,7 @@ def certify(
 
     Example:
         >>> result = certify(scenario.load_scenario("certified"))
-        >>> result.certificate.radii["energy"].a_priori["e_p"]
+        >>> result.certificate.ultimate_bounds["energy"].a_priori["e_p"]
     """
     c3_experiment = experiment.make_experiment(settings, "C3")
     nominal_run.check_supported(c3_experiment)
@@ -154,11 +157,11 @@ def save_certificate(
     out: RunDirectory,
     progress: Callable[[str], None] = lambda _message: None,
 ) -> dict[str, Any]:
-    """Write `certificate.json` and figure 6, and remove an earlier certificate and the study of another run.
+    """Write `certificate.json` and figure 6.
 
-    Bounds that do not exist are null. `assumed` lists the assumptions of a bound that are not shown, and `status` is
-    their summary. `exceeded` lists the observed errors above a bound, first of the run, then of the adversarial test.
-    An OSError is raised if the directory is not writable.
+    Bounds that do not exist are null. `unproven_assumptions` lists the assumptions of a bound that are not shown, and
+    `status` is their summary. `violations` lists the observed errors above a bound, first of the run, then of the
+    adversarial test. Errors have the units in `units`. An OSError is raised if the directory is not writable.
 
     Args:
         settings: Scenario.
@@ -178,12 +181,11 @@ def save_certificate(
         result.equilibrium_linearization,
         conservatism.nominal_mismatch(result.experiment, result.flight, result.nominal_linearization),
     )
-    slack = conservatism.conservatism_breakdown(
+    breakdown = conservatism.conservatism_breakdown(
         result.experiment, result.flight, result.nominal_linearization, layer, found
     )
-    summary = _summarize(settings, result, adversarial, out.run_id, layer, slack)
-    run_directory.remove_stale_files(out, study.CERTIFICATE_FILES, study.STUDY_FILES)
-    certificate_figures.plot_certificate(found, slack, out.path, out.run_id)
+    summary = _summarize(settings, result, adversarial, out.run_id, layer, breakdown)
+    certificate_figures.plot_certificate(found, breakdown, out.path, out.run_id)
     return atomic_write.write_json_atomic(summary, out.path / "certificate.json")
 
 
@@ -193,75 +195,78 @@ def _summarize(
     adversarial: CertificationResult | None,
     run_id: str,
     layer: agent_iss.AgentIss,
-    slack: dict[str, float],
+    breakdown: dict[str, float],
 ) -> dict[str, Any]:
     """Collect the content of `certificate.json`."""
     found = result.certificate
     return {
+        "schema": result_files.SCHEMA,
         "scenario": settings.name,
         "seed": settings.seed,
         "version": version("colift"),
-        "settings": settings.digest,
+        "settings_digest": settings.digest,
         "run": run_id,
         "window_s": list(found.window),
         "confidence": settings.certificate.confidence,
-        "exceeded": _exceeded(found) + (_exceeded(adversarial.certificate, "adversary") if adversarial else []),
+        "units": UNITS,
+        "violations": _violations(found, "simulation")
+        + (_violations(adversarial.certificate, "adversarial_test") if adversarial else []),
         "observed": dict(found.observed),
-        "floor": dict(found.nominal_error),
-        "unknown": dict(found.disturbance_response),
-        "beyond_first_order": dict(found.linearization_error),
-        "noise": dict(found.noise),
-        "components_left": {of: span.num_outside(found.errors) for of, span in found.intervals.items()},
-        "radii": _summarize_radii(found),
-        "left_out": dict(found.unavailable_bounds),
-        "no_tube": found.a_priori.tube_failure,
+        "nominal_error": dict(found.nominal_error),
+        "disturbance_response": dict(found.disturbance_response),
+        "linearization_error": dict(found.linearization_error),
+        "noise_response": dict(found.noise_response),
+        "num_components_outside": {kind: each.num_outside(found.errors) for kind, each in found.intervals.items()},
+        "ultimate_bounds": _summarize_bounds(found),
+        "unavailable_bounds": dict(found.unavailable_bounds),
+        "tube_failure": found.a_priori.tube_failure,
         "tube": None
         if found.a_priori.tube is None
         else {
-            "difference": found.a_priori.tube.residual_deviation.max(0).tolist(),
+            "residual_deviation": found.a_priori.tube.residual_deviation.max(0).tolist(),
             "contraction": found.a_priori.tube.contraction,
         },
-        "interface": {
+        "agent_iss": {
             "alpha_N_Nm": layer.alpha.tolist(),
-            "gamma_1_s": layer.gamma,
-            "kappa_N_Nm": layer.kappa.tolist(),
+            "gamma_1ps": layer.gamma,
+            "kappa": layer.kappa.tolist(),
             "vartheta_N_Nm": layer.vartheta.tolist(),
-            "static_N_Nm": layer.static.tolist(),
+            "static_gain": layer.static.tolist(),
         },
-        "slack_m": slack,
-        "adversary": None
+        "conservatism_m": breakdown,
+        "adversarial_test": None
         if adversarial is None
         else {
             "observed": dict(adversarial.certificate.observed),
-            "radius": dict(_best(adversarial.certificate).a_posteriori),
-            "radius_over_adversary": _best(adversarial.certificate).a_posteriori["e_p"]
+            "a_posteriori": dict(_best(adversarial.certificate).a_posteriori),
+            "bound_over_observed": _best(adversarial.certificate).a_posteriori["e_p"]
             / adversarial.certificate.observed["e_p"],
         },
     }
 
 
-def _summarize_radii(found: certificate.Certificate) -> dict[str, Any]:
+def _summarize_bounds(found: certificate.Certificate) -> dict[str, Any]:
     """Collect the ultimate bounds with their ratio to the observed errors and their assumptions."""
-    kinds = lambda bounds: {"run": bounds.a_posteriori, "tube": bounds.a_priori}  # noqa: E731
+    kinds = lambda bounds: {"a_posteriori": bounds.a_posteriori, "a_priori": bounds.a_priori}  # noqa: E731
     return {
         name: {
-            **{kind: dict(radii) for kind, radii in kinds(bounds).items()},
-            "tightness": {
-                kind: {error: radius / found.observed[error] for error, radius in radii.items()}
-                for kind, radii in kinds(bounds).items()
+            **{kind: dict(each) for kind, each in kinds(bounds).items()},
+            "bound_over_observed": {
+                kind: {error: bound / found.observed[error] for error, bound in each.items()}
+                for kind, each in kinds(bounds).items()
             },
-            "assumed": list(bounds.assumptions),
+            "unproven_assumptions": list(bounds.assumptions),
             "status": assumptions.status_label(bounds.assumptions),
         }
-        for name, bounds in found.radii.items()
+        for name, bounds in found.ultimate_bounds.items()
     }
 
 
-def _exceeded(found: certificate.Certificate, flight: str = "this") -> list[dict[str, Any]]:
+def _violations(found: certificate.Certificate, run: str) -> list[dict[str, Any]]:
     """Return the violations of a certificate with the name of the run."""
-    return [{"flight": flight, **dataclasses.asdict(each)} for each in found.exceeded]
+    return [{"run": run, **dataclasses.asdict(each)} for each in found.violations]
 
 
 def _best(found: certificate.Certificate) -> certificate.UltimateBounds:
     """Return the ultimate bounds of optimal recovery, or of the energy bound."""
-    return found.radii.get("recovery", found.radii["energy"])
+    return found.ultimate_bounds.get("recovery", found.ultimate_bounds["energy"])

@@ -34,31 +34,31 @@ class FalsificationTrial:
     """Result of one trial.
 
     Attributes:
-        name: Kind and number of the trial.
-        changes: Overrides of the scenario with which `colift certify` repeats the trial; empty for worst-case
+        name: Kind and number of the trial, such as ``seed:0``.
+        overrides: Overrides of the scenario with which `colift certify` repeats the trial; empty for worst-case
             residuals.
-        ratios: Observed error over its bound, by error; empty if no bound exists. A ratio above one is a violation.
-        violations: Number of error components outside their interval, over all times.
+        observed_over_bound: Ratio by error; empty if no bound exists. A ratio above one is a violation.
+        num_components_outside: Number of error components outside their interval, over all times.
         num_components: Number of evaluated error components.
         message: Reason why no bound exists, or how the run ended early.
     """
 
     name: str
-    changes: tuple[str, ...]
-    ratios: Mapping[str, float]
-    violations: int
+    overrides: tuple[str, ...]
+    observed_over_bound: Mapping[str, float]
+    num_components_outside: int
     num_components: int
     message: str
 
     @property
     def max_ratio(self) -> float:
         """Largest ratio; zero if no bound exists."""
-        return max(self.ratios.values(), default=0.0)
+        return max(self.observed_over_bound.values(), default=0.0)
 
     @property
     def is_violated(self) -> bool:
         """True if a bound or an interval was exceeded."""
-        return self.max_ratio > 1 or self.violations > 0
+        return self.max_ratio > 1 or self.num_components_outside > 0
 
 
 def trial_names(settings: Scenario, rounds: int) -> list[str]:
@@ -71,7 +71,7 @@ def trial_names(settings: Scenario, rounds: int) -> list[str]:
     Returns:
         Names of the trials.
     """
-    return [f"{kind} {k}" for k in range(rounds) for kind in (*ADVERSARIAL_DISTURBANCE, *_kinds(settings))]
+    return [f"{kind}:{k}" for k in range(rounds) for kind in _kinds(settings)]
 
 
 def falsify(
@@ -96,28 +96,43 @@ def falsify(
     for name in names:
         progress(name)
         kind, k = _split(settings, name)
-        rng = np.random.default_rng((settings.seed, k, *kind.encode()))
-        if kind in ADVERSARIAL_DISTURBANCE:
+        rng = random_generator(settings.seed, kind, k)
+        if kind in RESIDUAL_TRIALS:
             result = result or certification.certify(settings, names=NAMES, progress=progress)
-            yield _residual_trial(name, result, ADVERSARIAL_DISTURBANCE[kind](result, k, rng), settings.seed + 1 + k)
+            yield _residual_trial(name, result, RESIDUAL_TRIALS[kind](result, k, rng), settings.seed + 1 + k)
         else:
-            yield _scenario_trial(name, settings, TRIAL_KINDS[kind](settings, k, rng))
+            yield _scenario_trial(name, settings, SCENARIO_TRIALS[kind](settings, k, rng))
+
+
+def random_generator(seed: int, kind: str, number: int) -> np.random.Generator:
+    """Return the generator of a trial's random numbers.
+
+    Args:
+        seed: Seed of the scenario.
+        kind: Kind of the trial.
+        number: Number of the trial.
+
+    Returns:
+        Generator, which depends on nothing else.
+    """
+    return np.random.default_rng((seed, number, *STREAMS[kind].encode()))
 
 
 def _split(settings: Scenario, name: str) -> tuple[str, int]:
     """Split a trial's name into kind and number; raise ValueError for an unknown name."""
-    kind, _, k = name.rpartition(" ")
-    kinds = (*ADVERSARIAL_DISTURBANCE, *_kinds(settings))
+    kind, _, k = name.rpartition(":")
+    kinds = _kinds(settings)
     if kind not in kinds or not k.isdecimal():
         raise ValueError(
-            f"unknown trial {name!r}: must be one of {', '.join(kinds)} and a number, as in '{kinds[0]} 0'"
+            f"unknown trial {name}: must be KIND:NUMBER with one of the kinds {', '.join(kinds)}, as in {kinds[0]}:0"
         )
     return kind, int(k)
 
 
 def _kinds(settings: Scenario) -> tuple[str, ...]:
-    """Return the kinds of scenario changes that apply to a scenario."""
-    return tuple(kind for kind in TRIAL_KINDS if kind != "path" or isinstance(settings.reference, Lissajous))
+    """Return the kinds of trials that apply to a scenario."""
+    has_period = isinstance(settings.reference, Lissajous)
+    return (*RESIDUAL_TRIALS, *(kind for kind in SCENARIO_TRIALS if kind != "reference_speed" or has_period))
 
 
 # Worst-case residuals: functionals `sum_k L_k f~(t_k)`, maximized within norm and data --------------------------------
@@ -129,7 +144,8 @@ def _worst_error(error: str) -> Callable[[CertificationResult, int, np.random.Ge
     def functional(result: CertificationResult, k: int, rng: np.random.Generator) -> Matrix:
         """Return the error at a random time and direction; for k = 0 where its interval is farthest from zero."""
         found, i = result.certificate, 3 * ERRORS.index(error)
-        lower, upper = (x[:, i : i + 3] for x in (found.intervals["tube"].lower, found.intervals["tube"].upper))
+        interval = found.intervals["a_priori"]
+        lower, upper = (x[:, i : i + 3] for x in (interval.lower, interval.upper))
         corner = np.where(np.abs(upper) >= np.abs(lower), upper, lower)
         at = int(np.argmax(np.linalg.norm(corner, axis=1))) if k == 0 else int(rng.integers(len(found.t)))
         direction = corner[at] if k == 0 and np.isfinite(corner[at]).all() else rng.normal(size=3)
@@ -155,11 +171,12 @@ def _sinusoidal_functional(result: CertificationResult, _k: int, rng: np.random.
     return np.cos(2 * np.pi * frequency * result.nominal_linearization.t[:, None] + phase)
 
 
-ADVERSARIAL_DISTURBANCE: dict[str, Callable[[CertificationResult, int, np.random.Generator], Matrix]] = {
-    **{f"worst {error}": _worst_error(error) for error in ERRORS},
-    "drawn": _random_functional,
-    "swinging": _sinusoidal_functional,
+RESIDUAL_TRIALS: dict[str, Callable[[CertificationResult, int, np.random.Generator], Matrix]] = {
+    **{f"worst_case_{error}": _worst_error(error) for error in ERRORS},
+    "random_functional": _random_functional,
+    "sinusoidal_functional": _sinusoidal_functional,
 }
+"""Functional that the residual of a trial maximizes, by kind."""
 
 
 def _residual_trial(name: str, result: CertificationResult, L: Matrix, seed: int) -> FalsificationTrial:
@@ -176,20 +193,20 @@ def _residual_trial(name: str, result: CertificationResult, L: Matrix, seed: int
         )
     except (ValueError, RuntimeError) as error:
         return FalsificationTrial(name, (), {}, 0, components, str(error))
-    radii = found.radii["recovery" if "recovery" in found.radii else "energy"].a_priori
+    bounds = found.ultimate_bounds["recovery" if "recovery" in found.ultimate_bounds else "energy"].a_priori
     try:
         records, _ = linearized_trajectory.simulate_nominal(
             nominal_run.nominal_experiment(result.experiment, forces), result.flight.model_intervals, seed=seed
         )
     except linearized_trajectory.TerminatedEarly as error:
-        ended = dict.fromkeys(ERRORS, math.inf) if np.isfinite(list(radii.values())).all() else {}
+        ended = dict.fromkeys(ERRORS, math.inf) if np.isfinite(list(bounds.values())).all() else {}
         return FalsificationTrial(name, (), ended, 0, components, str(error))
     late = np.asarray(records.t) >= found.window[0] - 1e-9
-    ratios = _ratios({error: _max_norm(records, error, late) for error in ERRORS}, radii)
+    ratios = _ratios({error: _max_norm(records, error, late) for error in ERRORS}, bounds)
     errors = np.concatenate([getattr(records, error) for error in ERRORS], axis=1)
     at = np.searchsorted(records.t, found.t - 1e-9)
-    violations = found.intervals["tube"].num_outside(errors[at]) if ratios else 0
-    return FalsificationTrial(name, (), ratios, violations, components, "" if ratios else found.a_priori.tube_failure)
+    outside = found.intervals["a_priori"].num_outside(errors[at]) if ratios else 0
+    return FalsificationTrial(name, (), ratios, outside, components, "" if ratios else found.a_priori.tube_failure)
 
 
 def _max_norm(records: signals.StepRecord, error: str, late: Matrix) -> float:
@@ -197,9 +214,9 @@ def _max_norm(records: signals.StepRecord, error: str, late: Matrix) -> float:
     return float(np.linalg.norm(getattr(records, error)[late], axis=1).max())
 
 
-def _ratios(observed: Mapping[str, float], radii: Mapping[str, float]) -> dict[str, float]:
+def _ratios(observed: Mapping[str, float], bounds: Mapping[str, float]) -> dict[str, float]:
     """Return observed errors over bounds, by error, for finite bounds."""
-    return {error: observed[error] / radius for error, radius in radii.items() if math.isfinite(radius)}
+    return {error: observed[error] / bound for error, bound in bounds.items() if math.isfinite(bound)}
 
 
 # Changes of the scenario ----------------------------------------------------------------------------------------------
@@ -221,7 +238,7 @@ def _late_update(settings: Scenario, _k: int, rng: np.random.Generator) -> list[
     return changes if end is None or end >= t else [*changes, f"learning.end_s={t}"]
 
 
-def _start(_settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
+def _initial_state(_settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
     """Offset initial position, attitude and velocity from the reference."""
     position, attitude, velocity = (size * x / np.linalg.norm(x) for x, size in zip(
         rng.normal(size=(3, 3)), rng.uniform(0.2, 1, 3) * [0.5, 40.0, 0.5], strict=True
@@ -236,7 +253,7 @@ def _start(_settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
     ]
 
 
-def _path(settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
+def _reference_speed(settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
     """Scale the period of the reference, alternately faster and slower."""
     factor = rng.uniform(0.7, 0.9) if k % 2 == 0 else rng.uniform(1.2, 1.6)
     reference = settings.reference
@@ -244,7 +261,7 @@ def _path(settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
     return [f"reference.period_s={[float(f'{factor * T:.3g}') for T in reference.period_s]}"]
 
 
-def _sensors(_settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
+def _sensor_noise(_settings: Scenario, k: int, rng: np.random.Generator) -> list[str]:
     """Set the sensor noise of the scenario `paper`, then a multiple of it up to 2."""
     factor = 1.0 if k == 0 else float(rng.uniform(0.3, 2.0))
     noise = scenario.load_scenario(STUDY_NOISE).sensors.model_dump()
@@ -258,7 +275,7 @@ def _sensors(_settings: Scenario, k: int, rng: np.random.Generator) -> list[str]
 RATES = (100.0, 200.0, 400.0, 500.0)  # Hz
 
 
-def _rate(settings: Scenario, k: int, _rng: np.random.Generator) -> list[str]:
+def _control_rate(settings: Scenario, k: int, _rng: np.random.Generator) -> list[str]:
     """Change the control rate and reduce filter corners above its Nyquist frequency."""
     hertz = [each for each in RATES if each != settings.control_Hz][k % (len(RATES) - 1)]
     slower = {
@@ -271,7 +288,7 @@ def _rate(settings: Scenario, k: int, _rng: np.random.Generator) -> list[str]:
     ]
 
 
-def _thrust(settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
+def _thrust_limit(settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
     """Reduce the thrust limits."""
     factor = rng.uniform(0.4, 0.8)
     return [
@@ -280,15 +297,29 @@ def _thrust(settings: Scenario, _k: int, rng: np.random.Generator) -> list[str]:
     ]
 
 
-TRIAL_KINDS: dict[str, Callable[[Scenario, int, np.random.Generator], list[str]]] = {
+SCENARIO_TRIALS: dict[str, Callable[[Scenario, int, np.random.Generator], list[str]]] = {
     "seed": _seed,
-    "late update": _late_update,
-    "start": _start,
-    "path": _path,
-    "sensors": _sensors,
-    "rate": _rate,
-    "thrust": _thrust,
+    "late_update": _late_update,
+    "initial_state": _initial_state,
+    "reference_speed": _reference_speed,
+    "sensor_noise": _sensor_noise,
+    "control_rate": _control_rate,
+    "thrust_limit": _thrust_limit,
 }
+"""Overrides of the scenario of a trial, by kind."""
+STREAMS = {
+    **{f"worst_case_{error}": f"worst {error}" for error in ERRORS},
+    "random_functional": "drawn",
+    "sinusoidal_functional": "swinging",
+    "seed": "seed",
+    "late_update": "late update",
+    "initial_state": "start",
+    "reference_speed": "path",
+    "sensor_noise": "sensors",
+    "control_rate": "rate",
+    "thrust_limit": "thrust",
+}
+"""Text in the seed of each kind's random numbers; constant, so that trials of earlier versions can be repeated."""
 
 
 def _scenario_trial(name: str, settings: Scenario, overrides: Sequence[str]) -> FalsificationTrial:
@@ -299,10 +330,8 @@ def _scenario_trial(name: str, settings: Scenario, overrides: Sequence[str]) -> 
         ).certificate
     except (ScenarioError, ValueError) as error:
         return FalsificationTrial(name, tuple(overrides), {}, 0, 0, f"rejected: {' '.join(str(error).split())}")
-    radii = found.radii["energy"]
-    each = [_ratios(found.observed, bounds) for bounds in (radii.a_priori, radii.a_posteriori)]
+    energy = found.ultimate_bounds["energy"]
+    each = [_ratios(found.observed, bounds) for bounds in (energy.a_priori, energy.a_posteriori)]
     ratios = {error: max(ratio[error] for ratio in each if error in ratio) for error in each[1]}
-    violations = sum(span.num_outside(found.errors) for span in found.intervals.values())
-    return FalsificationTrial(
-        name, tuple(overrides), ratios, violations, found.errors.size, found.a_priori.tube_failure
-    )
+    outside = sum(interval.num_outside(found.errors) for interval in found.intervals.values())
+    return FalsificationTrial(name, tuple(overrides), ratios, outside, found.errors.size, found.a_priori.tube_failure)

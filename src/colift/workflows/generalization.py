@@ -18,7 +18,7 @@ TRAJECTORY_VARIANTS = {
 }
 
 
-def heldout_scenarios(settings: Scenario) -> dict[str, Scenario]:
+def held_out_scenarios(settings: Scenario) -> dict[str, Scenario]:
     """Return the scenario with each of the references of `TRAJECTORY_VARIANTS`.
 
     Args:
@@ -48,10 +48,10 @@ def heldout_scenarios(settings: Scenario) -> dict[str, Scenario]:
     }
 
 
-def heldout_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, dict[str, flight.Experiment]]:
+def held_out_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, dict[str, flight.Experiment]]:
     """Return the experiments of some cases on each held-out reference.
 
-    Errors are raised as by `heldout_scenarios` and `make_experiments`.
+    Errors are raised as by `held_out_scenarios` and `make_experiments`.
 
     Args:
         settings: Scenario with a Lissajous reference.
@@ -60,7 +60,7 @@ def heldout_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, d
     Returns:
         Experiment by variant and case.
     """
-    return {name: experiment.make_experiments(other, cases) for name, other in heldout_scenarios(settings).items()}
+    return {name: experiment.make_experiments(other, cases) for name, other in held_out_scenarios(settings).items()}
 
 
 def freeze_model(experiment: flight.Experiment, model: residual_model.ResidualModel) -> flight.Experiment:

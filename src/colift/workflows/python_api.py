@@ -24,7 +24,7 @@ import webbrowser
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import xarray as xr
 
@@ -32,6 +32,7 @@ from colift.analysis import feasibility, metrics
 from colift.closed_loop import flight as closed_loop_flight
 from colift.closed_loop import log, part_checks
 from colift.closed_loop.flight import FlightResult
+from colift.closed_loop.simulator import WorldT
 from colift.runtime import atomic_write
 from colift.scenario import Scenario, experiment, loading
 from colift.scenario.experiment import ALL_CASES, PAPER_CASES, case_id
@@ -40,12 +41,13 @@ from colift.workflows import study
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+T = TypeVar("T")
 MAX_LINES = 30
 """Lines of a representation in a notebook, at most."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Experiment(closed_loop_flight.Experiment):
+class Experiment(closed_loop_flight.Experiment[WorldT]):
     """Definition of one flight, and the scenario and case from which it was made.
 
     Attributes:
@@ -91,7 +93,7 @@ class Flight(FlightResult):
 
     @functools.cached_property
     def dataset(self) -> xr.Dataset:
-        """Log of the flight: every signal with axes, unit, frame and long name."""
+        """Log of the flight, in which every signal has axes, unit, frame and long name."""
         return study.flight_dataset(self.experiment.scenario, self.experiment.case, self, self.experiment)
 
     @functools.cached_property
@@ -114,11 +116,12 @@ class Flight(FlightResult):
         """Plot the norm of the position error and the attitude error function over time.
 
         Returns:
-            A Matplotlib figure.
+            A Matplotlib figure; a notebook shows it.
         """
-        from colift.visualization import study_figures
+        from colift.visualization import study_figures, style
 
-        return study_figures.plot_tracking_error({self.experiment.case: self.dataset}, ALL_CASES)
+        with style.style_context():
+            return study_figures.plot_tracking_error({self.experiment.case: self.dataset}, ALL_CASES)
 
     def show(self, path: str | Path = "playback.html") -> Path:
         """Write the playback page and open it in a browser.
@@ -216,12 +219,11 @@ def make_experiment(scenario: Scenario, case: str = "C3") -> Experiment:
 
     Raises:
         KeyError: If there is no such case.
-        ScenarioError: If the team cannot hold the payload or hover.
+        ScenarioError: If the team cannot hold the payload or hover, or if a user-defined part does not fit its
+            interface.
     """
     name = case_id(case)
-    made = experiment.make_experiment(scenario, name)
-    fields = {field.name: getattr(made, field.name) for field in dataclasses.fields(made)}
-    return Experiment(**fields, scenario=scenario, case=name)
+    return _extend(Experiment, experiment.make_experiment(scenario, name), scenario=scenario, case=name)
 
 
 def run_experiment(
@@ -245,8 +247,7 @@ def run_experiment(
     part_checks.check_parts(experiment)
     with _progress(progress, experiment.case, experiment.duration) as report:
         result = closed_loop_flight.run_experiment(experiment, report)
-    fields = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
-    return Flight(**fields, experiment=experiment)
+    return _extend(Flight, result, experiment=experiment)
 
 
 def run_batch(experiments: Sequence[Experiment], progress: bool = False) -> tuple[Flight, ...]:
@@ -269,14 +270,18 @@ def run_study(
     cases: Sequence[str] = tuple(PAPER_CASES),
     out: str | Path | None = None,
     progress: bool | Callable[[float], None] = False,
+    replace: bool = False,
 ) -> Study:
     """Simulate cases of a scenario, and write logs, figures, tables and `summary.json`.
+
+    Cases that the directory already contains are kept if all settings are equal.
 
     Args:
         scenario: Scenario.
         cases: Identifiers of the cases in any capitalization.
         out: Directory of the results; by default `out/SCENARIO`.
         progress: Whether to show a progress bar for each case.
+        replace: Whether to remove earlier results from the directory.
 
     Returns:
         The results, also read back from `out`.
@@ -284,17 +289,26 @@ def run_study(
     Raises:
         KeyError: If there is no such case.
         ScenarioError: If the team cannot hold the payload or hover.
-        OSError: If the directory cannot be written or is in use.
+        OSError: If the directory cannot be written, is in use, or contains results of another run.
     """
     names = [case_id(case) for case in cases]
     experiments = experiment.make_experiments(scenario, names)
     preview = feasibility.assess_feasibility(scenario, experiments)
     folder = Path(out) if out is not None else Path("out") / scenario.name
     shown: dict[str, Any] = {}
-    with study.open_run_directory(scenario, folder) as directory, _study_progress(progress, experiments) as report:
+    with (
+        study.open_run_directory(scenario, folder, replace) as directory,
+        _study_progress(progress, experiments) as report,
+    ):
         shown = study.run_study(scenario, directory, experiments, preview, report)
-    _, datasets = log.load_flights(folder, tuple(experiments))
+    _, datasets = log.load_flights(folder, tuple(shown["cases"]))
     return Study(path=folder, summary=shown, datasets=datasets)
+
+
+def _extend(kind: type[T], value: Any, **more: Any) -> T:
+    """Return a value of a dataclass that extends the dataclass of another value by some fields."""
+    inherited = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+    return kind(**inherited, **more)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift.analysis import metrics
+from colift.analysis import joint_limits, learning_benefit, metrics, result_files
 from colift.analysis.feasibility import FeasibilityReport
 from colift.certification import assumptions
 from colift.closed_loop import log
@@ -37,7 +37,8 @@ STUDY_FILES = (
         "lengthscales_*.csv",
         "lengthscales_*.md",
         "summary.json",
-        "view.html",
+        "playback.html",
+        "view.html",  # the name of playback.html before 0.2.0
         "report.html",
     ),
 )
@@ -49,18 +50,30 @@ CERTIFICATE_FILES = (
 )
 
 
-def open_run_directory(settings: Scenario, out: Path) -> AbstractContextManager[RunDirectory]:
-    """Lock the directory for the results of a scenario; errors are raised as by `run_directory.lock_run_directory`.
+# pages that show all cases of a study; a study with further cases removes them
+PAGES = ("playback.html", "view.html", "report.html")
+
+
+def open_run_directory(
+    settings: Scenario, out: Path, replace: bool = False, keep_on_interrupt: bool = False
+) -> AbstractContextManager[RunDirectory]:
+    """Lock the directory for the results of a scenario; errors are raised as by `run_directory.stage_run_directory`.
 
     Args:
         settings: Scenario.
         out: Directory.
+        replace: Whether to remove the results of another run.
+        keep_on_interrupt: Whether the files are also valid results after a request to end.
 
     Returns:
         Context manager in which this process owns the directory.
     """
-    return run_directory.lock_run_directory(
-        out, run_directory.run_id(version("colift"), settings.digest), STUDY_FILES + CERTIFICATE_FILES
+    return run_directory.stage_run_directory(
+        out,
+        run_directory.run_id(version("colift"), settings.digest),
+        STUDY_FILES + CERTIFICATE_FILES,
+        replace=replace,
+        keep_on_interrupt=keep_on_interrupt,
     )
 
 
@@ -70,13 +83,13 @@ def run_study(
     experiments: Mapping[str, Experiment],
     preview: FeasibilityReport,
     progress: Callable[[str, float], None] = lambda _case, _t: None,
-    heldout: Mapping[str, Mapping[str, Experiment]] = MappingProxyType({}),
+    held_out: Mapping[str, Mapping[str, Experiment]] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Simulate the cases of a study, and write a NetCDF file for each, figures, tables and `summary.json`.
 
-    An earlier study, and the certificate of another run, are removed first. For held-out references, the final model of
-    each case is used, and the summary contains the RMS position error over the second half. An OSError is raised if the
-    directory is not writable.
+    Cases of the same run that the directory contains are kept, and are part of figures and summary. For held-out
+    references, the final model of each case is used, and the summary contains the RMS position error over the second
+    half. An OSError is raised if the directory is not writable.
 
     Args:
         settings: Scenario.
@@ -84,17 +97,17 @@ def run_study(
         experiments: Experiments by case.
         preview: Feasibility report of the experiments, which the summary repeats.
         progress: Function called with case and simulated time [s].
-        heldout: Experiments on held-out references, by variant and case.
+        held_out: Experiments on held-out references, by variant and case.
 
     Returns:
         Content of `summary.json`.
     """
     from colift.visualization import lengthscale_table, study_figures
 
-    run_directory.remove_stale_files(out, STUDY_FILES, CERTIFICATE_FILES)
+    earlier, earlier_data = _read_earlier_study(out)
     summary = _summary_header(settings, out.run_id, experiments, preview)
-    if heldout:
-        summary["heldout"] = {}
+    if held_out:
+        summary["held_out"] = {}
     data, fits = {}, {}
     first = next(iter(experiments.values()))
     for case, experiment in experiments.items():
@@ -103,17 +116,26 @@ def run_study(
         data[case] = flight_dataset(settings, case, flight, experiment, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
         found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
-        found["wall_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
+        signals = (np.asarray(getattr(flight.records, name)) for name in ("t", "r", "r_dot", "tau_r"))
+        found["warnings"] += joint_limits.flight_violations(settings, *signals)
+        found["wall_time_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found
         if flight.updates:
             fits[case] = flight.updates[-1].fits
-        for path, variants in heldout.items():
+        for path, variants in held_out.items():
             title = f"{case}, {path}"
             frozen = generalization.freeze_model(variants[case], flight.model)
-            heldout_flight = run_experiment(frozen, lambda t, title=title: progress(title, t))
-            summary["heldout"].setdefault(case, {})[path] = _heldout_summary(heldout_flight)
-    summary["bound"] = _bound_statements(first)
+            held_out_flight = run_experiment(frozen, lambda t, title=title: progress(title, t))
+            summary["held_out"].setdefault(case, {})[path] = _held_out_summary(held_out_flight)
+    summary["error_bound_assumptions"] = _bound_assumptions(first)
     summary["residual"] = summary["cases"][list(experiments)[-1]]["residual"]
+    _merge_summaries(summary, earlier)
+    summary["comparison_warnings"] = [
+        f"{case}: {text}" for case, text in learning_benefit.comparison_warnings(settings, summary["cases"])
+    ]
+    data = {case: (earlier_data | data)[case] for case in summary["cases"]}
+    for page in PAGES:
+        (out.path / page).unlink(missing_ok=True)
     start = time.perf_counter()
     study_figures.write_figures(data, ALL_CASES, out.path)
     for case, learned in fits.items():
@@ -121,8 +143,30 @@ def run_study(
             lengthscale_table.write_lengthscale_table(
                 _lengthscales(settings, learned), out.path / f"lengthscales_{case}", out.run_id
             )
-    summary["wall_s"] = {"figures": time.perf_counter() - start}
+    summary["wall_time_s"] = {"figures": time.perf_counter() - start}
     return atomic_write.write_json_atomic(summary, out.path / "summary.json")
+
+
+def _read_earlier_study(out: RunDirectory) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
+    """Return the summary and the logs of an earlier study of the same run; empty if there is none."""
+    path = out.path / run_directory.SUMMARY_FILE
+    if not path.is_file():
+        return {}, {}
+    shown = out.target / path.name
+    try:
+        earlier = result_files.load_summary(path)
+        return earlier, {case: log.load(out.path / f"{case}.nc") for case in earlier["cases"]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = str(error).replace(str(out.path), str(out.target))
+        raise OSError(f"{shown}: the earlier study is damaged ({reason}); remove it by --replace") from None
+
+
+def _merge_summaries(summary: dict[str, Any], earlier: Mapping[str, Any]) -> None:
+    """Add the cases of an earlier study of the same run to a summary."""
+    for key in ("cases", "held_out"):
+        merged = earlier.get(key, {}) | summary.get(key, {})
+        if merged or key in summary:
+            summary[key] = {case: merged[case] for case in ALL_CASES if case in merged}
 
 
 def _summary_header(
@@ -130,22 +174,33 @@ def _summary_header(
 ) -> dict[str, Any]:
     """Return the entries of the summary that are known before the first run."""
     return {
+        "schema": result_files.SCHEMA,
         "scenario": settings.name,
         "seed": settings.seed,
         "version": version("colift"),
-        "settings": settings.digest,
+        "settings_digest": settings.digest,
         "plant": settings.physics.kind,
         "run": run_id,
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": command_line(sys.argv),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("jax", "jaxlib", "numpy")},
         **preview.summary,
-        "limits": _limits(settings, next(iter(experiments.values()))),
+        "termination_limits": _limits(settings, next(iter(experiments.values()))),
         "cases": {},
     }
 
 
-def _heldout_summary(flight: FlightResult) -> dict[str, Any]:
+def command_line(arguments: Sequence[str]) -> str:
+    """Return the command of this process as it can be typed; `python -m colift` becomes `colift`.
+
+    Args:
+        arguments: Arguments of the process, with the path of the program first.
+    """
+    program = Path(arguments[0]).name
+    return shlex.join(["colift" if program == "__main__.py" else program, *arguments[1:]])
+
+
+def _held_out_summary(flight: FlightResult) -> dict[str, Any]:
     """Return the RMS position error [m] over the second half of a run, None if it stopped early, and the reason."""
     error = None if flight.termination_reason else metrics.rms_norm(metrics.second_half(flight.records).e_p)
     return {"e_p_rms_m": error, "termination_reason": flight.termination_reason}
@@ -167,13 +222,13 @@ def flight_dataset(
         Data set for `log.save`.
     """
     contacts = team.contact_names(settings)
-    joints, statements = team.joint_names(settings), _bound_statements(experiment)
+    joints, stated = team.joint_names(settings), _bound_assumptions(experiment)
     attrs = {
         "scenario": settings.name,
         "case": case,
         "seed": settings.seed,
         "version": version("colift"),
-        "settings": settings.digest,
+        "settings_digest": settings.digest,
         "scenario_json": settings.model_dump_json(exclude_none=True),  # defines the team for playback
         "run": run,
         "complete": int(not flight.termination_reason),
@@ -187,11 +242,14 @@ def flight_dataset(
         "refits": _describe_events(settings, ((update.t, update.refitted) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, experiment).items() if value is not None},
-        **{f"rho_{name}": value for name, value in statements.items() if name != "assumed"},
-        "bound_assumptions": ", ".join(statements["assumed"]),  # some readers of NetCDF do not support lists of strings
+        **{f"rho_{name}": value for name, value in stated.items() if name != "unproven_assumptions"},
+        "bound_assumptions": ", ".join(
+            stated["unproven_assumptions"]
+        ),  # some readers of NetCDF do not support lists of strings
     }
     return log.dataset(
         flight.records,
+        team=experiment.world.team,
         agents=experiment.agent_names,
         joints=joints,
         contacts=contacts,
@@ -210,20 +268,20 @@ def _describe_events(settings: Scenario, events: Iterable[tuple[float, Sequence[
 def _limits(settings: Scenario, experiment: Experiment) -> dict[str, Any]:
     """Return the termination limits of the settings and the absolute grasp limit of each agent."""
     return settings.termination.model_dump() | {
-        "grip_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()
+        "min_delassus_singular_value_1pkg": np.asarray(experiment.termination_limits.min_delassus).tolist()
     }
 
 
-def _bound_statements(experiment: Experiment) -> dict[str, Any]:
-    """Return the assumptions of the error bounds along the run; `assumed` lists those that are not shown."""
+def _bound_assumptions(experiment: Experiment) -> dict[str, Any]:
+    """Return what the error bounds along the run assume; `unproven_assumptions` lists what is not shown."""
     stated = experiment.bound_assumptions
     return {
         "bound": stated.bound,
         "confidence": stated.confidence,
-        "norm": stated.rkhs_norm,
+        "rkhs_norm": stated.rkhs_norm,
         "label_error_payload": stated.payload.tolist(),
         "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
-        "assumed": list(assumptions.radius_assumptions(experiment)),
+        "unproven_assumptions": list(assumptions.radius_assumptions(experiment)),
     }
 
 

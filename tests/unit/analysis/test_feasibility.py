@@ -15,18 +15,18 @@ def test_report_has_slowest_mode_and_thrust_margin():
     ahead = feasibility.assess_feasibility(paper.SETTINGS, c1)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
-    assert ahead.summary["slowest_mode"]["rad_s"][0] < 0
-    margins = ahead.summary["margins"]
-    assert 0.004 <= margins["delay_s"] <= 0.05
-    assert margins["gain"][0] < 0.8 < 1.2 < margins["gain"][1]
-    assert margins["says"].startswith("delay margin ")
+    assert ahead.summary["slowest_mode"]["eigenvalue_radps"][0] < 0
+    margins = ahead.summary["stability_margins"]
+    assert 0.004 <= margins["delay_margin_s"] <= 0.05
+    assert margins["gain_margin"][0] < 0.8 < 1.2 < margins["gain_margin"][1]
+    assert margins["description"].startswith("delay margin ")
     assert list(ahead.hover_thrust) == ["front", "rear"]
     narrow = feasibility.assess_feasibility(
         paper.with_weaker_rotors(30.0), {"C1": experiment.make_experiment(paper.with_weaker_rotors(30.0), "C1")}
     )
     assert [warning.partition(" N of ")[2] for warning in narrow.warnings] == [
-        "30 N to hover: the margin of 5.5% is below termination.hover_thrust_margin = 0.1",
-        "30 N to hover: the margin of 7.1% is below termination.hover_thrust_margin = 0.1",
+        "30 N to hover: the margin of 5.5% is below 10%",
+        "30 N to hover: the margin of 7.1% is below 10%",
     ]
     assert [warning.partition(" needs ")[0] for warning in narrow.warnings] == ["front", "rear"]
 
@@ -40,4 +40,4 @@ def test_unstable_equilibrium_gives_a_warning():
     (warning,) = ahead.warnings
     assert warning.startswith("the loop is unstable at equilibrium: slowest mode +")
     assert ahead.summary["slowest_mode"]["stable"] is False
-    assert ahead.summary["margins"] is None
+    assert ahead.summary["stability_margins"] is None

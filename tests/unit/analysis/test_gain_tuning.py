@@ -183,7 +183,7 @@ def test_unstable_or_failed_designs_have_no_cost(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(gain_tuning, "run_experiment", lambda _plan: pytest.fail("flown"))
     grows = dataclasses.replace(of, step_jacobian=np.eye(len(of.step_jacobian)) * 1.01)
     assert gain_tuning.simulate_cost(grows) == "grows"
-    assert gain_tuning.summary_values(grows)["displacement_C1_m"] == "grows"
+    assert gain_tuning.summary_values(grows)["contact_displacement_C1_m"] == "grows"
 
 
 class Fake(gain_tuning.LoopDesign):
@@ -306,7 +306,7 @@ def test_gradients_of_a_real_loop_predict_its_decay_rate():
     assert 0 < found["delay_margin_s"] <= 0.05
     truth, names = of.experiment.world.team, team.agent_names(of.settings)
     assert len(names) == sum(truth.sizes)
-    assert 0.01 < found["e_p_C1_m"] < 1
+    assert 0.01 < found["static_e_p_C1_m"] < 1
 
 
 def test_command_writes_scenario_without_overwriting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -324,7 +324,9 @@ def test_command_writes_scenario_without_overwriting(tmp_path: Path, monkeypatch
     outcome = CliRunner().invoke(app, ["tune", str(made), "--out", str(out), "--json"])
     assert outcome.exit_code == 0, outcome.stderr
     found = json.loads(outcome.stdout)
-    assert found["after"]["e_p_C1_m"] == pytest.approx(found["before"]["e_p_C1_m"] / np.exp(0.2), rel=1e-2)
+    assert found["after"]["static_e_p_C1_m"] == pytest.approx(
+        found["before"]["static_e_p_C1_m"] / np.exp(0.2), rel=1e-2
+    )
     assert scenario.load_scenario(out) == after.settings
     before = out.read_bytes()
     again = CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])

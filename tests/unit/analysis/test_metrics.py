@@ -85,7 +85,7 @@ def test_summary_uses_the_second_half():
     assert found["delta_W_rms"] == pytest.approx(np.hypot(force, moment), rel=1e-12)
     assert found["lam_max_N"] == pytest.approx(max(np.sqrt((f**2).sum()) for f in rows.lam[late].reshape(-1, 3)))
     assert (found["thrust_min_N"], found["thrust_max_N"]) == (rows.u[late].min(), rows.u[late].max())
-    assert (found["Phi_max_m"], found["min_delassus_singular_value"]) == (
+    assert (found["Phi_max_m"], found["min_delassus_singular_value_1pkg"]) == (
         rows.Phi.max(),
         rows.min_delassus_singular_value.min(),
     )
@@ -95,7 +95,7 @@ def test_summary_uses_the_second_half():
     late = sigma.t >= rows.t[120]
     each = [np.linalg.norm(sigma.agent_std[0][late, j], axis=1) for j in range(2)]
     assert found["sigma_A_mean"] == pytest.approx((each[0] + each[1]).mean(), rel=1e-12)
-    assert found["sigma_L_force_mean"] == pytest.approx(np.linalg.norm(sigma.payload_std[late, :3], axis=1).mean())
+    assert found["sigma_L_force_mean_N"] == pytest.approx(np.linalg.norm(sigma.payload_std[late, :3], axis=1).mean())
 
 
 @pytest.mark.parametrize(("hertz", "share"), [(60.0, 1.0), (100.0, 1.0), (20.0, 0.5), (3.0, 0.0)])
@@ -184,13 +184,13 @@ def test_miscoverage_of_errors_with_stated_std_is_nominal(listens):
     f_x = rows.f_x_hat + 0.5
     logged = dataclasses.replace(made, records=with_rows(rows, f_L=f_L, f_x=f_x))
     found = metrics.miscoverage(logged)
-    np.testing.assert_allclose(found["payload"]["share"], 0.05, atol=0.02)
-    np.testing.assert_allclose(found["payload"]["error_over_deviation"], 1.0, atol=0.05)
+    np.testing.assert_allclose(found["payload"]["rate"], 0.05, atol=0.02)
+    np.testing.assert_allclose(found["payload"]["normalized_error_rms"], 1.0, atol=0.05)
     group, label = sigma.agent_std[0][..., :3], sigma.agent_label_bias[0][..., :3]
     half = at >= shape.time // 2
     expected = np.hypot(group, label)[half] < 0.5 / 1.96
     if not listens:
-        np.testing.assert_allclose(found["agents"]["share"], expected.mean(0), rtol=1e-12)
+        np.testing.assert_allclose(found["agents"]["rate"], expected.mean(0), rtol=1e-12)
 
 
 # Error bounds ---------------------------------------------------------------------------------------------------------
@@ -200,16 +200,18 @@ def test_miscoverage_of_errors_with_stated_std_is_nominal(listens):
 def test_exceeded_share_is_computed_per_body(shape):
     made = flight(5, shape)
     found = metrics.bound_statistics(made)
-    ds = log.dataset(made.records, sigma=made.uncertainty, attrs={}, **shape.names)
+    ds = log.dataset(made.records, team=shape.team, sigma=made.uncertainty, attrs={}, **shape.names)
     at = np.searchsorted(ds.time, ds.time_sigma)
 
     def parts(agent: str | None) -> tuple[list, list]:
         if agent is None:
-            return [ds.f_L[at] - ds.f_L_hat[at]], [ds.rho_f_L]
-        own = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
-        pick = [{"agent": agent}, {"agent": agent}, {"joint": own}]
-        error = [(ds[f] - ds[f"{f}_hat"])[at].sel(s) for f, s in zip(("f_x", "f_w", "f_r"), pick, strict=True)]
-        return error, [ds[f].sel(s) for f, s in zip(("rho_f_x", "rho_f_w", "rho_f_r"), pick, strict=True)]
+            error = log.stack_parts(ds, "f_L") - log.stack_parts(ds, "f_L_hat")
+            return [error[at]], [log.stack_parts(ds, "rho_f_L")]
+        joint = log.all_joints(ds, "f_r") - log.all_joints(ds, "f_r_hat")
+        own = [name for name in joint.joint.values if name.startswith(f"{agent}/")]
+        error = [(ds[f] - ds[f"{f}_hat"])[at].sel(agent=agent) for f in ("f_x", "f_w")]
+        radii = [ds[f].sel(agent=agent) for f in ("rho_f_x", "rho_f_w")]
+        return [*error, joint[at].sel(joint=own)], [*radii, log.all_joints(ds, "rho_f_r").sel(joint=own)]
 
     bodies = [None, *ds.agent.values]
     for body, of in zip(bodies, [found["payload"], *found["agents"]], strict=True):
@@ -218,12 +220,12 @@ def test_exceeded_share_is_computed_per_body(shape):
         plain = sum(np.sqrt((error[k] ** 2).sum()) > np.sqrt((radius[k] ** 2).sum()) for k in range(samples))
         each = sum(any(abs(error[k]) > radius[k]) for k in range(samples))
         moment = sum((error[k, 3:] ** 2).sum() > (radius[k, 3:] ** 2).sum() for k in range(samples))
-        share = of["exceeded_share"]
-        assert (share["plain"], share["any_output"]) == pytest.approx((plain / samples, each / samples))
+        share = of["violation_rate"]
+        assert (share["total"], share["any_output"]) == pytest.approx((plain / samples, each / samples))
         assert share["moment"] == pytest.approx(moment / samples)
         late = ds.time_sigma.values >= ds.time.values[shape.time // 2]
         ratios = np.sqrt((radius**2).sum(1) / (error**2).sum(1))[late]
-        assert of["tightness_median"] == pytest.approx(np.median(ratios))
+        assert of["bound_over_error_median"] == pytest.approx(np.median(ratios))
     assert found["payload"]["beta"] == [0, 1, 2, 3, 4, 5]
     assert [len(of["beta"]) for of in found["agents"]] == [
         6 + joints for n, joints, _ in shape.groups for _ in range(n)
@@ -235,8 +237,8 @@ def test_missing_bounds_give_no_exceedance():
     made = flight(6)
     sigma = dataclasses.replace(made.uncertainty, payload_radius=np.full_like(made.uncertainty.payload_radius, np.inf))
     found = metrics.bound_statistics(dataclasses.replace(made, uncertainty=sigma))["payload"]
-    assert found["exceeded_share"] == {"plain": 0, "force": 0, "moment": 0, "any_output": 0}
-    assert found["tightness_median"] == np.inf
+    assert found["violation_rate"] == {"total": 0, "force": 0, "moment": 0, "any_output": 0}
+    assert found["bound_over_error_median"] == np.inf
 
 
 # Residuals ------------------------------------------------------------------------------------------------------------
@@ -269,10 +271,12 @@ def test_residual_statistics_separate_known_parts():
     f_L = inertial + constant + sine
     rows = flight(7, SHAPE._replace(time=n), f_L=f_L, a_L=a_L, omega_L=omega, R_L=R).records
     found = metrics.residual_statistics(rows, TRUTH, nominal)
-    np.testing.assert_allclose(found["payload"]["varying_rms"], np.array([0.1, 0.2, 0.3, 0.04, 0.05, 0.06]) / 2**0.5)
+    np.testing.assert_allclose(
+        found["payload"]["state_dependent_std"], np.array([0.1, 0.2, 0.3, 0.04, 0.05, 0.06]) / 2**0.5
+    )
     np.testing.assert_allclose(found["payload"]["mean"], f_L.mean(0), atol=1e-12)
     power = (f_L**2).mean(0)
-    np.testing.assert_allclose(found["payload"]["constant_share"], f_L.mean(0) ** 2 / power, atol=1e-12)
+    np.testing.assert_allclose(found["payload"]["mean_power_fraction"], f_L.mean(0) ** 2 / power, atol=1e-12)
     assert len(found["agents_force"]["mean"]) == 6
 
 

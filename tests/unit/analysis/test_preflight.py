@@ -13,9 +13,9 @@ import pytest
 from typer.testing import CliRunner
 
 from colift import scenario
-from colift.analysis import preflight, remedies, stability
+from colift.analysis import feasibility, preflight, reference_loads, remedies, stability
 from colift.cli.app import app
-from colift.scenario import Scenario, experiment, initial_states, team, template, termination
+from colift.scenario import Scenario, experiment, initial_states, schema, team, template, termination
 from tests.support import small_team as light
 
 NO_WIND = {"disturbances": ()}
@@ -40,17 +40,17 @@ def test_shipped_team_passes_all_checks():
         "mass",
         "contacts",
         "thrust",
-        "mode",
-        "learned",
-        "delay",
-        "gain",
+        "slowest mode",
+        "learned mode",
+        "delay margin",
+        "gain margin",
     ]
     assert good.format_report()[-1] == "sample: passed"
     assert finding(good, "mass").values["total_kg"] == 6
     assert "payload 1.5 kg (nominal 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").message
     assert finding(good, "contacts").values["rank"] == 6
-    assert 0.002 <= finding(good, "delay").values["margin_s"] <= 0.05
-    assert json.loads(json.dumps(good.summary))["mode"]["rad_s"][0] < 0
+    assert 0.002 <= finding(good, "delay margin").values["delay_margin_s"] <= 0.05
+    assert json.loads(json.dumps(good.summary))["checks"]["slowest_mode"]["eigenvalue_radps"][0] < 0
 
 
 @pytest.mark.long
@@ -59,15 +59,15 @@ def test_unstable_mode_fails_and_advice_stabilizes_it():
     unstable = found("wild")
     assert not unstable.passed
     bad, also = [each for each in unstable.findings if each.advice]
-    assert (bad.subject, also.subject) == ("mode", "learned")
-    assert also.values["rad_s"] != bad.values["rad_s"]  # another equilibrium
+    assert (bad.subject, also.subject) == ("slowest mode", "learned mode")
+    assert also.values["eigenvalue_radps"] != bad.values["eigenvalue_radps"]  # another equilibrium
     assert "unstable" in bad.message
     assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
-    assert not any(each.subject == "delay" for each in unstable.findings)
+    assert not any(each.subject == "delay margin" for each in unstable.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
-    assert float(rate) == pytest.approx(finding(found("good"), "mode").values["rad_s"][0], abs=1e-2)
-    assert float(rate) < 0 < finding(unstable, "mode").values["rad_s"][0]
-    assert unstable.format_report()[-1] == "sample: failed: mode, learned"
+    assert float(rate) == pytest.approx(finding(found("good"), "slowest mode").values["eigenvalue_radps"][0], abs=1e-2)
+    assert float(rate) < 0 < finding(unstable, "slowest mode").values["eigenvalue_radps"][0]
+    assert unstable.format_report()[-1] == "sample: failed: slowest mode, learned mode"
 
 
 @pytest.mark.long
@@ -76,10 +76,10 @@ def test_small_delay_margin_fails_with_gain_advice(monkeypatch: pytest.MonkeyPat
     every = list(remedies.gain_changes(light.settings()))
     monkeypatch.setattr(preflight, "MIN_DELAY_MARGIN", 0.02)
     monkeypatch.setattr(remedies, "gain_changes", lambda _: [each for each in every if "agent_k_omega" in each[0]])
-    late = finding(preflight.run_preflight(light.settings()), "delay")
+    late = finding(preflight.run_preflight(light.settings()), "delay margin")
     margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 yields (\S+) s", late.advice[0])
     assert margin
-    assert float(margin[1]) > late.values["margin_s"]
+    assert float(margin[1]) > late.values["delay_margin_s"]
 
 
 def test_unknown_delay_margin_is_no_failure(monkeypatch: pytest.MonkeyPatch):
@@ -90,10 +90,8 @@ def test_unknown_delay_margin_is_no_failure(monkeypatch: pytest.MonkeyPatch):
 
     monkeypatch.setattr(stability, "delay_margin", unknown)
     finding_ = preflight._delay(light.settings(), {}, np.eye(1), print)
-    assert finding_.message.endswith(
-        "is not known: the controller state does not determine every command independently"
-    )
-    assert (finding_.advice, finding_.values) == ((), {"margin_s": None})
+    assert finding_.message.endswith("not known: the controller state does not determine every command independently")
+    assert (finding_.advice, finding_.values) == ((), {"delay_margin_s": None})
 
 
 def test_thrust_of_constant_reference_is_hover_thrust():
@@ -103,7 +101,7 @@ def test_thrust_of_constant_reference_is_hover_thrust():
     )
     c1 = experiment.make_experiment(still, "C1")
     truth = c1.world.team
-    path = preflight.thrust_profile(c1, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
+    path = reference_loads.thrust_profile(c1, initial_states.equilibrium_state(still, truth), np.array([0.0, 7.0]))
     hover = termination.true_hover_thrust(still, truth, c1.controller, c1.world.disturbances)
     np.testing.assert_allclose(path, [hover, hover], rtol=1e-12)
 
@@ -116,7 +114,7 @@ def test_thrust_along_reference_accelerates_all_masses():
     settings = light.settings(reference=up, **NO_WIND)
     c1 = experiment.make_experiment(settings, "C1")
     t = np.linspace(0, 10, 7)
-    need = preflight.thrust_profile(c1, initial_states.equilibrium_state(settings, c1.world.team), t).sum(1)
+    need = reference_loads.thrust_profile(c1, initial_states.equilibrium_state(settings, c1.world.team), t).sum(1)
     a = np.array([c1.controller.reference.evaluate(jnp.asarray(x)).a[2] for x in t])
     np.testing.assert_allclose(need, 6.0 * (9.81 + a), rtol=1e-9)
     assert np.ptp(a) > 0.1
@@ -132,19 +130,34 @@ def test_small_thrust_fails_with_required_value(monkeypatch: pytest.MonkeyPatch)
     seen = preflight.run_preflight(heavier_payload(7.0))
     thrust = finding(seen, "thrust")
     assert [line.split(":")[0] for line in thrust.advice] == ["hover", "reference"]
-    need = max(thrust.values["hover_N"].values())
+    need = max(thrust.values["hover_thrust_N"].values())
     assert f"agent_types.body.thrust_max_N to {need / 0.9:.3g} or more" in thrust.advice[0]
-    assert "no equilibrium" in finding(seen, "rest").message
+    assert "no equilibrium" in finding(seen, "equilibrium").message
 
 
 def test_no_contact_advice_without_thrust_reserve(monkeypatch: pytest.MonkeyPatch):
     """If total hover thrust exceeds the limit, neither contact positions nor the reference are advised."""
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
-    limits = light.SAMPLE.termination.model_copy(update={"hover_thrust_margin": 0.3})
-    few = preflight.run_preflight(heavier_payload(7.0).model_copy(update={"termination": limits}))
+    few = preflight.run_preflight(heavier_payload(7.0), thrust_margin=0.3)
     hover, reference = finding(few, "thrust").advice
     assert "lower payload.mass_kg, or add an agent" in hover
     assert not any(word in line for word in ("contacts", "slower") for line in (hover, reference))
+
+
+def test_waypoints_that_overshoot_are_a_finding_with_a_remedy(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", no_rest)
+    times = [0, 4, 4.1, 12]
+    poses = [
+        {"time_s": t, "position_m": (x, y, 2)} for t, x, y in zip(times, (0, 1, 1.1, 4), (0, 0, 0.1, 1), strict=True)
+    ]
+    settings = light.settings(reference=schema.Waypoints(kind="waypoints", poses=poses), **NO_WIND)
+    seen = finding(preflight.run_preflight(settings), "reference")
+    assert seen.message.startswith("4 waypoints; largest acceleration ")
+    assert seen.values["overshoot_m"] > 0.2
+    assert seen.advice[0].startswith("give leg")
+    first = experiment.make_experiment(settings, "C1")
+    (_, warning, *_) = feasibility.assess_feasibility(settings, {"C1": first}).warnings
+    assert warning.startswith("the reference leaves the box of its poses by ")
 
 
 def test_equal_agents_are_summarized():
@@ -160,7 +173,7 @@ def test_straight_arms_are_reported_with_contacts(monkeypatch: pytest.MonkeyPatc
     changes += [
         f"agents.{name}.contact_positions_m=[[{x}, 0.08, 0.05], [{x}, -0.08, 0.05]]" for name, x in CONTACTS.items()
     ]
-    refused = finding(preflight.run_preflight(scenario.load_scenario("paper", changes)), "refused")
+    refused = finding(preflight.run_preflight(scenario.load_scenario("paper", changes)), "build")
     assert "front: grasp Jacobian is nearly singular" in refused.message
     (advice,) = refused.advice
     better = re.findall(r"--set '([^']*)'", advice)
@@ -199,14 +212,14 @@ def no_rest(*_: object) -> None:
 
 def test_rejected_scenario_is_reported_with_advice():
     refused = preflight.run_preflight(heavier_payload(20.0))
-    assert "cannot hover" in finding(refused, "refused").message
-    assert "thrust_max_N" in finding(refused, "refused").advice[0]
+    assert "cannot hover" in finding(refused, "build").message
+    assert "thrust_max_N" in finding(refused, "build").advice[0]
     agents = [
         agent.model_copy(update={"contact_positions_m": ((x, 0.02 * (x == 0.0), 0.03),)})
         for agent, x in zip(light.settings().agents, (0.4, 0.0, -0.4), strict=True)
     ]
     line = finding(preflight.run_preflight(light.settings(agents=agents)), "contacts")
-    assert line.values["condition"] > preflight.MAX_GRASP_CONDITION
+    assert line.values["condition_number"] > preflight.MAX_GRASP_CONDITION
     assert "move n1/hook away from this line" in line.advice[0]
 
 
@@ -221,7 +234,7 @@ def test_joints_near_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
     ]
     settings = scenario.load_scenario("paper", (*change, *contacts))
     joints = finding(preflight.run_preflight(settings), "joints")
-    assert joints.values["condition"]["front"] > remedies.MAX_JACOBIAN_CONDITION
+    assert joints.values["condition_number"]["front"] > remedies.MAX_JACOBIAN_CONDITION
     assert re.match(
         r"front: move the nominal position of joint \w+ away from \S+ \(agent_types.two_arms.joints", joints.advice[0]
     )
@@ -236,7 +249,7 @@ def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr(preflight, "run_preflight", lambda _settings, _say, here=here: here)
         finding_ = CliRunner().invoke(app, ["check", "paper"])
         assert finding_.exit_code == status
-        assert finding_.stdout.splitlines() == here.format_report()
+        assert finding_.stdout.split() == " ".join(here.format_report()).split()  # lines are wrapped
         data = CliRunner().invoke(app, ["check", "paper", "--json"])
         assert data.exit_code == status
         assert json.loads(data.stdout) == json.loads(json.dumps(here.summary))
@@ -317,4 +330,4 @@ def test_large_label_loop_gain_is_reported():
         "label rates and respond later to gusts"
     )
     assert not finding_.advice
-    assert set(finding_.values["gain"]) == {"agent_1", "agent_2", "agent_3"}
+    assert set(finding_.values["label_loop_gain"]) == {"agent_1", "agent_2", "agent_3"}

@@ -66,11 +66,11 @@ def test_migrate_check_writes_nothing(old: Path):
 @pytest.mark.parametrize(
     ("text", "answer"),
     [
-        ("a: [1", "not valid YAML"),
-        ("- 1\n", "a scenario is a mapping of settings"),
-        ("schema: 7\n", "schema: must be 1 or 2, got 7"),
-        (b"\xff", "is not UTF-8 text (byte 0)"),
-        (None, "No such file or directory"),
+        ("a: [1", " not valid YAML"),
+        ("- 1\n", " a scenario is a mapping of settings"),
+        ("schema: 7\n", " schema: must be 1 or 2, got 7"),
+        (b"\xff", "1: not UTF-8 text (byte 0)"),
+        (None, " No such file or directory"),
     ],
 )
 def test_migrate_reports_unreadable_files(text: str | bytes | None, answer: str, old: Path):
@@ -79,7 +79,7 @@ def test_migrate_reports_unreadable_files(text: str | bytes | None, answer: str,
         bad.write_bytes(text if isinstance(text, bytes) else text.encode())
     status, _, errors = invoke("migrate", str(old), str(bad))
     assert (status, errors.count("\n")) == (2, 1)
-    assert f"{bad}: {answer}" in errors
+    assert f"{bad}:{answer}" in errors
     assert old.read_text() == OLD
 
 

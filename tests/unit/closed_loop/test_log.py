@@ -13,13 +13,14 @@ import pytest
 import xarray as xr
 from scipy.linalg import sqrtm
 
-from colift.closed_loop import log
+from colift.closed_loop import log, log_signals
 from colift.runtime import atomic_write
 from tests.support import random_logs as flights
 
 DIMENSIONS = {"time": "time", "agents": "agent", "joints": "joint", "contacts": "contact", "eta": "eta_index"}
-LABELLED = {"3": {"axis", "body_axis"}, "6": {"wrench", "acceleration"}}
+LABELLED = {"3": {"axis", "body_axis"}, "6": {"component"}}
 UNITS = {"m", "m/s", "m/s^2", "rad", "rad/s", "rad/s^2", "N", "N m", "1", "1/kg"}
+PRISMATIC = {name for name in log_signals.SPECS if name.endswith("_prismatic")}
 
 
 @pytest.fixture
@@ -32,67 +33,72 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def units(variable):
-    """Return the units of a variable: `N (F), N m (tau)` states two."""
-    return {part.split(" (")[0] for part in variable.attrs["units"].split(", ")}
+def logged(rng, shape):
+    """A random flight, and the records and uncertainty that it was made of."""
+    rows, sigma = flights.rows(rng, shape), flights.sigma(rng, shape)
+    return rows, sigma, log.dataset(rows, team=shape.team, sigma=sigma, attrs={}, **shape.names)
+
+
+def record(ds, name):
+    """A signal as the records hold it: wrenches of six numbers, all joints on one axis."""
+    if log_signals.has_parts(name):
+        return log.stack_parts(ds, name)
+    return log.all_joints(ds, name) if f"{name}_prismatic" in PRISMATIC else ds[name]
 
 
 @pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED])
 def test_every_record_field_is_a_variable_with_its_axes(rng, shape):
     """Every field of a record is a variable on the axes that its annotation states."""
-    rows = flights.rows(rng, shape)
-    ds = log.dataset(rows, sigma=flights.sigma(rng, shape), attrs={}, **shape.names)
-    fields = {field.name for field in dataclasses.fields(rows)} - {"t"}
-    assert fields == set(log.SIGNALS)
-    assert set(ds.data_vars) == fields | set(log.UNCERTAINTY_SIGNALS)
+    rows, _, ds = logged(rng, shape)
+    assert set(ds.data_vars) == set(log_signals.SPECS) - (PRISMATIC if shape is flights.PAPER else set())
     np.testing.assert_array_equal(ds.time, rows.t)
-    for name in fields:
-        np.testing.assert_array_equal(ds[name], getattr(rows, name))
-        for dim, stated in zip(ds[name].dims, flights.field_axes(name), strict=True):
+    for name in {field.name for field in dataclasses.fields(rows)} - {"t"}:
+        np.testing.assert_array_equal(record(ds, name), getattr(rows, name))
+        for dim, stated in zip(record(ds, name).dims, flights.field_axes(name), strict=True):
             assert dim == DIMENSIONS.get(stated) or dim in LABELLED[stated], name
 
 
-def test_every_variable_has_unit_frame_and_symbol(rng):
-    ds = flights.dataset(rng)
-    for name, variable in ds.data_vars.items():
-        assert units(variable) <= UNITS, name
-        assert variable.attrs["frame"], name
-        assert variable.attrs["long_name"], name
-        mixed = {"wrench", "acceleration"} & set(variable.dims)
-        # two units on one axis, each with its components
-        assert bool(mixed) <= ("(" in variable.attrs["units"] and "(" in variable.attrs["frame"]), name
-    assert {ds[dim].attrs["units"] for dim in ("time", "time_sigma")} == {"s"}
+@pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED])
+def test_every_variable_has_unit_frame_and_symbol(rng, shape, tmp_path):
+    """In memory and in the file."""
+    log.save(flights.dataset(rng, shape), tmp_path / "C3.nc")
+    for ds in (flights.dataset(rng, shape), log.load(tmp_path / "C3.nc")):
+        for name, variable in ds.data_vars.items():
+            assert variable.attrs["units"] in UNITS, name
+            assert variable.attrs["frame"], name
+            assert variable.attrs["long_name"], name
+        for dim in ("time", "time_sigma"):
+            assert (ds[dim].attrs["units"], ds[dim].attrs["axis"]) == ("s", "T")
+        assert ds.attrs["Conventions"] == "CF-1.11"
+        assert {"title", "source", "history"} <= set(ds.attrs)
 
 
 def test_rates_have_consistent_units(rng):
     ds = flights.dataset(rng)
     for name, rate in (("p", "v"), ("x", "v_agent"), ("Phi", "Phi_dot")):
         assert ds[rate].attrs["units"] == ds[name].attrs["units"] + "/s"
-    for exact, predicted in (("f_L", "f_L_hat"), ("f_x", "sigma_f_x"), ("f_r", "sigma_f_r"), ("lam", "lam_hat")):
+    names = ("f_L_force", "f_L_hat_force"), ("f_x", "sigma_f_x"), ("f_r", "sigma_f_r"), ("lam", "lam_hat")
+    for exact, predicted in names:
         assert ds[exact].attrs["units"] == ds[predicted].attrs["units"]
         assert ds[exact].attrs["frame"] == ds[predicted].attrs["frame"]
 
 
 def test_coordinate_labels_select_the_right_value(rng):
-    shape = flights.MIXED
-    rows = flights.rows(rng, shape)
-    sigma = flights.sigma(rng, shape)
-    ds = log.dataset(rows, sigma=sigma, attrs={}, **shape.names)
+    rows, sigma, ds = logged(rng, flights.MIXED)
     assert ds.lam.sel(contact="agent3/arm1", axis="z")[4] == rows.lam[4, 6, 2]
     assert ds.r.sel(joint="agent1/joint2")[3] == rows.r[3, 5]
     assert ds.R.sel(agent="agent2", axis="x", body_axis="z")[5] == rows.R[5, 2, 0, 2]
-    assert ds.W_d.sel(wrench="tau_y")[0] == rows.W_d[0, 4]
-    assert ds.sigma_f_r.sel(joint="agent3/joint1")[2] == sigma.agent_std[2][2, 0, 7]
+    assert ds.W_d_moment.sel(axis="y")[0] == rows.W_d[0, 4]
+    assert ds.alpha_L.sel(axis="z")[1] == rows.a_L[1, 5]
+    assert ds.sigma_f_r_prismatic.sel(prismatic_joint="agent3/joint1")[2] == sigma.agent_std[2][2, 0, 7]
     assert ds.sigma_f_w.sel(agent="agent1", axis="y")[2] == sigma.agent_std[0][2, 1, 4]
-    assert ds.rho_f_r.sel(joint="agent3/joint1")[2] == sigma.agent_radius[2][2, 0, 7]
-    assert ds.rho_f_L.sel(wrench="tau_x")[3] == sigma.payload_radius[3, 3]
+    assert ds.rho_f_r.sel(joint="agent3/joint3")[2] == sigma.agent_radius[2][2, 0, 9]
+    assert ds.rho_f_L_moment.sel(axis="x")[3] == sigma.payload_radius[3, 3]
 
 
 def test_sigma_norms_are_frobenius_norms(rng):
     """Sigma norms are Frobenius norms of the root of the covariance, and rho_bar is that of each body."""
-    shape = flights.MIXED
-    sigma = flights.sigma(rng, shape)
-    ds = log.dataset(flights.rows(rng, shape), sigma=sigma, attrs={}, **shape.names)
+    _, sigma, ds = logged(rng, flights.MIXED)
 
     def norm(deviation):
         return np.linalg.norm(sqrtm(np.diag(deviation**2)), "fro")
@@ -142,10 +148,12 @@ def test_file_is_readable_by_other_libraries(rng, tmp_path):
 
 @pytest.mark.parametrize("wrong", ["agents", "joints", "contacts"])
 def test_inconsistent_names_are_refused(rng, wrong):
-    names_given = flights.PAPER.names
+    shape = flights.PAPER
+    names_given = shape.names
     names_given[wrong] = names_given[wrong][:-1]
+    rows, sigma = flights.rows(rng, shape), flights.sigma(rng, shape)
     with pytest.raises(ValueError, match=wrong[:-1]):
-        log.dataset(flights.rows(rng, flights.PAPER), sigma=flights.sigma(rng, flights.PAPER), attrs={}, **names_given)
+        log.dataset(rows, team=shape.team, sigma=sigma, attrs={}, **names_given)
 
 
 def test_unwritable_folder_gives_one_line(rng, tmp_path):
@@ -205,10 +213,10 @@ def test_other_files_are_refused(rng, tmp_path):
 def test_std_table_has_one_row_per_output(rng):
     """The table of standard deviations covers all outputs of a model: six, and one per joint."""
     shape = flights.MIXED
-    ds = log.dataset(flights.rows(rng, shape), sigma=flights.sigma(rng, shape), attrs={}, **shape.names)
+    _, _, ds = logged(rng, shape)
     outputs = sum(n * (6 + joints) for n, joints, _ in shape.groups)
     for what in ("sigma", "rho"):
-        assert sum(ds[f"{what}_{f}"][0].size for f in ("f_x", "f_w", "f_r")) == outputs
+        assert sum(record(ds, f"{what}_{f}")[0].size for f in ("f_x", "f_w", "f_r")) == outputs
 
 
 def test_csv_round_trip_is_exact():
@@ -224,9 +232,13 @@ def test_csv_round_trip_is_exact():
     np.testing.assert_array_equal(numbers("Psi [1]"), ds.Psi)
     np.testing.assert_array_equal(numbers("lam agent2/arm0 z [N]"), ds.lam.sel(contact="agent2/arm0", axis="z"))
     np.testing.assert_array_equal(numbers("R agent3 x z [1]"), ds.R.sel(agent="agent3", axis="x", body_axis="z"))
-    np.testing.assert_array_equal(numbers("W_d tau_x [N m]"), ds.W_d.sel(wrench="tau_x"))
-    np.testing.assert_array_equal(numbers("a_L v_dot_z [m/s^2]"), ds.a_L.sel(acceleration="v_dot_z"))
-    np.testing.assert_array_equal(numbers("a_L omega_dot_z [rad/s^2]"), ds.a_L.sel(acceleration="omega_dot_z"))
+    np.testing.assert_array_equal(numbers("W_d_moment x [N m]"), ds.W_d_moment.sel(axis="x"))
+    np.testing.assert_array_equal(numbers("a_L z [m/s^2]"), ds.a_L.sel(axis="z"))
+    np.testing.assert_array_equal(numbers("alpha_L z [rad/s^2]"), ds.alpha_L.sel(axis="z"))
+    np.testing.assert_array_equal(numbers("r agent3/joint0 [rad]"), ds.r.sel(joint="agent3/joint0"))
+    slides = ds.r_prismatic.sel(prismatic_joint="agent3/joint2")
+    np.testing.assert_array_equal(numbers("r_prismatic agent3/joint2 [m]"), slides)
+    np.testing.assert_array_equal(numbers("q agent1 w [1]"), ds.q.sel(agent="agent1", quaternion="w"))
     np.testing.assert_array_equal(numbers("thrust_saturated agent0 [1]"), ds.thrust_saturated.sel(agent="agent0"))
     np.testing.assert_array_equal(numbers("eta 3 [N]"), ds.eta[:, 3])
     count = 2 + sum(x.size // len(x) for x in ds.data_vars.values())

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from colift import codegen
 from colift.codegen.interpret import RULES
+from colift.codegen.jax_internals import Program, programs_in
 from colift.codegen.vmap_primitive import trace
 from colift.math import so3
 from colift.math.vmap import vmap_agents
@@ -167,13 +168,13 @@ def test_table_covers_every_rule():
     jaxpr = jax.make_jaxpr(lambda x, A: [f(x, A) for f in OPERATIONS.values()])(X, A)
     seen = set()
 
-    def walk(jaxpr):
-        for eqn in jaxpr.eqns:
-            seen.add(eqn.primitive.name)
-            for inner in jax.extend.core.jaxprs_in_params(eqn.params):
+    def walk(program):
+        for e in program.equations:
+            seen.add(e.name)
+            for inner in programs_in(e.params):
                 walk(inner)
 
-    walk(jaxpr.jaxpr)
+    walk(Program.from_jaxpr(jaxpr))
     elsewhere = {"loop"}
     assert {name for name in RULES if name not in seen | elsewhere} == set()
 
@@ -523,12 +524,12 @@ def test_equal_expressions_are_computed_once():
 
 def test_unknown_operations_are_named_with_source_line():
     with pytest.raises(codegen.UnsupportedPrimitive, match=r"'sort' is not supported, at .*test_codegen\.py"):
-        jax.jit(codegen.compile(lambda x: jnp.sort(x)))(X)
+        emitted(lambda x: jnp.sort(x), X, batched=False)
 
 
 def test_too_large_programs_are_refused():
     with pytest.raises(codegen.UnsupportedPrimitive, match="'cumsum' would be 60000 statements of C"):
-        jax.jit(codegen.compile(jnp.cumsum))(jnp.ones(60_000))
+        emitted(jnp.cumsum, jnp.ones(60_000), batched=False)
 
 
 def test_other_platforms_use_jax():

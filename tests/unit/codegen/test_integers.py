@@ -95,7 +95,7 @@ def test_constant_overflow_is_refused_at_compile_time():
     with pytest.raises(OverflowError, match=f"the integer {2**63 - 1} is not exactly a double"):
         codegen.compile(lambda k: k < jnp.asarray(2**63 - 1))(jnp.asarray(1))
     with pytest.raises(codegen.UnsupportedPrimitive, match="got int8"):
-        codegen.compile(lambda k: k.astype(jnp.int8).astype(float))(jnp.asarray(1))
+        codegen.kernel(jax.make_jaxpr(lambda k: k.astype(jnp.int8).astype(float))(jnp.asarray(1)))
 
 
 def test_integers_at_computed_indices():

@@ -21,7 +21,7 @@ def compute(item):
         time.sleep(60)
     if item == "broken":
         raise ValueError("not computable")
-    return {"adaptive": {"e_p_rms_m": scale(int(item)), "wall_s": time.time(), "stopped": ""}, "n": [1, 2]}
+    return {"adaptive": {"e_p_rms_m": scale(int(item)), "wall_time_s": time.time(), "stopped": ""}, "n": [1, 2]}
 
 
 def main():

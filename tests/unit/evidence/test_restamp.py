@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import json
+import re
 
 import pytest
 
@@ -12,7 +14,7 @@ from evidence import restamp
 
 def stored(x: float, **more: object) -> dict:
     """An item as stored under a former name of its case."""
-    return {"C4": {"e_p_rms_m": x, "wall_s": 3.0, "stopped": ""}, "n": [1, 2]} | more
+    return {"C4": {"e_p_rms_m": x, "wall_time_s": 3.0, "stopped": ""}, "n": [1, 2]} | more
 
 
 def test_equal_item_stamps_the_result(store, change):
@@ -31,7 +33,7 @@ def test_equal_item_stamps_the_result(store, change):
     assert made["commit"] == evidence.head() != computed_at
     assert made["replayed"]["item"] == "1"
     assert list(made["items"]["2"]) == ["adaptive", "n"]
-    assert made["items"]["1"]["adaptive"]["wall_s"] == 3.0
+    assert made["items"]["1"]["adaptive"]["wall_time_s"] == 3.0
     assert evidence.changed_files("proof") == []
     assert restamp.restamp("proof") == (True, "nothing changed since")
 
@@ -84,7 +86,7 @@ def test_uncommitted_code_is_not_stamped(project, store):
 @pytest.mark.parametrize(
     ("old", "new", "keys"),
     [
-        ({"a": 1.0, "cpu_s": 1}, {"a": 1, "cpu_s": 2}, []),
+        ({"a": 1.0, "cpu_time_s": 1}, {"a": 1, "cpu_time_s": 2}, []),
         ({"a": 0.1}, {"a": 0.1 + 1e-18}, []),
         ({"a": 0.1}, {"a": 0.1 + 2e-17}, ["a"]),
         ({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}, ["a.b[1]"]),
@@ -115,8 +117,38 @@ def test_command_states_each_result_in_one_line(project, store, capsys):
 
 def test_renamed_keys_of_one_result(project):
     """Words apply to every key, and additional tables to their result only."""
-    table = {"words": {"F": "feedback"}, "values": {"x": "y"}, "results": {"proof": {"keys": {"left": "violations"}}}}
+    own = {"keys": {"left": "violations"}, "phrases": {"late update": "late_update"}}
+    table = {"words": {"F": "feedback"}, "values": {"x": "y"}, "results": {"proof": own}}
     (project / "evidence" / "renamed.json").write_text(json.dumps(table))
-    stored = {"home: F: 0": {"left": ["x", 1], "F_x": None}}
-    assert evidence.renamed(stored, "proof") == {"home: feedback: 0": {"violations": ["y", 1], "F_x": None}}
-    assert evidence.renamed(stored, "other") == {"home: feedback: 0": {"left": ["y", 1], "F_x": None}}
+    stored = {"late update: F: 0": {"left": ["x", 1], "F_x": None}}
+    assert evidence.renamed(stored, "proof") == {"late_update: feedback: 0": {"violations": ["y", 1], "F_x": None}}
+    assert evidence.renamed(stored, "other") == {"late update: feedback: 0": {"left": ["y", 1], "F_x": None}}
+
+
+RESULTS = sorted(path.stem for path in evidence.RESULTS.glob("*.json"))
+COMPOSED = {f"sigma_{body}_moment_mean_Nm" for body in "LA"}  # keys that the code composes from parts
+
+
+@functools.cache
+def words_of_code() -> set[str]:
+    """Return all words in the code of the package and of the test support."""
+    files = [path for path in (evidence.ROOT / "src").rglob("*") if path.suffix in (".py", ".c")]
+    files += (evidence.ROOT / "tests" / "support").glob("*.py")
+    return set(re.findall(r"\w+", "".join(path.read_text() for path in files)))
+
+
+@pytest.mark.parametrize("name", RESULTS)
+def test_stored_keys_are_those_of_the_code(name):
+    """Each key of a stored result, under its present name, occurs in the code that computes the result."""
+    items = evidence.stored(name)["items"]
+    assert evidence.renamed(items, name) == items
+    text = "".join((evidence.ROOT / "evidence" / f"{one}.py").read_text() for one in (name, "engines"))
+    keys = {key for item in items.values() for key in nested_keys(item) if re.fullmatch(r"[A-Za-z]\w+", key)}
+    assert keys <= words_of_code() | set(re.findall(r"\w+", text)) | COMPOSED
+
+
+def nested_keys(value: object) -> set[str]:
+    """Return the keys of nested data."""
+    if isinstance(value, dict):
+        return {*value, *(key for one in value.values() for key in nested_keys(one))}
+    return {key for one in value for key in nested_keys(one)} if isinstance(value, list) else set()

@@ -12,16 +12,16 @@ from evidence import baselines, changes, generalization, react, redundant
 
 @pytest.mark.parametrize("world", changes.ENVIRONMENTS)
 def test_settings_of_changes(world):
-    """The scenario of each environment accepts its changes, with and without the lead time."""
+    """The scenario of each environment accepts its changes."""
     name, made, _ = changes.ENVIRONMENTS[world]
     made = made(0) if callable(made) else made
-    scenario.load_scenario(name, [changes.PREVIEW_SETTING, *made, "seed=0", changes.LEAD_SETTING])
+    scenario.load_scenario(name, [changes.PREVIEW_SETTING, *made, "seed=0"])
 
 
 def test_settings_of_random_environments():
     """Samples with and without lost labels, and with each delay."""
     drawn = [react.draw(sample)[1] for sample in range(12)]
-    assert {one["dead_s"] is None for one in drawn} == {True, False}
+    assert {one["label_failure_time_s"] is None for one in drawn} == {True, False}
 
 
 @pytest.mark.parametrize("condition", generalization.CONDITIONS)
@@ -33,6 +33,6 @@ def test_settings_of_conditions(condition):
 def test_settings_of_baselines_and_redundant_teams():
     """The grids of the baselines, and teams without a force sensor bias."""
     for point in itertools.chain.from_iterable(baselines.GRID.values()):
-        scenario.load_scenario("paper", [f"{name}={value}" for name, value in point.items()])
+        scenario.load_scenario("paper", baselines.overrides(point))
     for team in redundant.TEAMS:
         scenario.load_scenario(team, [redundant.UNBIASED])

@@ -281,7 +281,10 @@ def test_any_multipliers_give_an_upper_bound(seed):
 @given(seeds, st.sampled_from([0.01, 0.2, 0.5]))
 @settings(max_examples=10)
 def test_batched_bounds_are_nearly_minimal(seed, eps_share):
-    """Each is above the value of an admissible function, and almost all are close to it."""
+    """Each is above the value of an admissible function, and all but at most one of twenty are close to it.
+
+    Seed 50191 with `eps_share` 0.5 has one that is 0.27 above; the bound holds but is not minimal.
+    """
     _, B, eps, p, _ = member(seed, N=30, eps_share=eps_share)
     rng = np.random.default_rng(seed)
     ls = np.asarray(p.hyper.lengthscales)[0]
@@ -299,7 +302,7 @@ def test_batched_bounds_are_nearly_minimal(seed, eps_share):
     off = (found - best) / (allowed.unit * np.sqrt(np.maximum(square, 1e-3)))
     assert (off >= -1e-5).all()
     # with large label errors, about one of 1 800 bounds exceeds the optimum by 0.1 to 0.35
-    assert np.quantile(off, 0.9) <= 0.05
+    assert np.sort(off)[-2] <= 0.05
     assert np.median(off) <= 0.01
 
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import math
 import queue
 import socket
 import threading
+import time
+from collections.abc import Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -101,8 +106,8 @@ def test_flight_equals_that_without_autopilots(plan: Experiment, flight: tuple[l
     assert [t for t, _ in ticks] == pytest.approx(list(0.002 * np.arange(TICKS)))
     for k, (_, truth) in enumerate(ticks):
         np.testing.assert_allclose(truth.inputs[0].u, rows.u[k], atol=1e-4)
-        np.testing.assert_allclose(truth.z.payload.p, rows.p[k], atol=1e-7)
-        np.testing.assert_allclose(truth.z.agents[0].R, rows.R[k], atol=1e-6)
+        np.testing.assert_allclose(truth.state.payload.p, rows.p[k], atol=1e-7)
+        np.testing.assert_allclose(truth.state.agents[0].R, rows.R[k], atol=1e-6)
 
 
 @pytest.mark.long
@@ -166,3 +171,73 @@ def test_server_binds_to_localhost() -> None:
 def test_number_of_autopilots_equals_number_of_agents(plan: Experiment) -> None:
     with pytest.raises(ValueError, match="0 autopilots for 3 agents"):
         next(px4_hil.run_lockstep(plan, []))
+
+
+# Invalid replies ------------------------------------------------------------------------------------------------------
+
+
+ARMED = mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+
+
+def reply(time: int = 2001, signals: tuple[float, ...] = (0.5,) * 4, mode: int = ARMED) -> Any:
+    return mavlink.MAVLink_hil_actuator_controls_message(time, [*signals, *[math.nan] * 12], mode, 1)
+
+
+def test_a_valid_reply_gives_its_rotor_signals() -> None:
+    """Channels without a rotor are not used, whatever they contain."""
+    np.testing.assert_array_equal(px4_hil.rotor_signals(reply(), 0, 2001, 4001, 4), [0.5] * 4)
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (reply(mode=0), "autopilot 1 disarmed at 2001 us"),
+        (reply(time=4001), "autopilot 1 replied for 4001 us to the sensor data of 2001 us"),
+        (reply(signals=(0.5, math.nan, 0.5, 0.5)), "autopilot 1 sent rotor signals that are not finite"),
+        (reply(signals=(0.5, 0.5, 0.5, math.inf)), "autopilot 1 sent rotor signals that are not finite"),
+    ],
+)
+def test_an_invalid_reply_is_refused_with_the_reason(message: Any, reason: str) -> None:
+    with pytest.raises(px4_hil.AutopilotError, match=reason):
+        px4_hil.rotor_signals(message, 1, 2001, 4001, 4)
+
+
+@contextlib.contextmanager
+def connected() -> Iterator[tuple[px4_hil.AutopilotConnection, socket.socket]]:
+    with contextlib.ExitStack() as stack:
+        server = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
+        autopilot = stack.enter_context(socket.create_connection(server.getsockname()))
+        yield px4_hil.AutopilotConnection(stack.enter_context(server.accept()[0])), autopilot
+
+
+def test_the_waiting_time_is_limited_in_total() -> None:
+    """An autopilot that sends single bytes does not extend it."""
+    with connected() as (link, autopilot):
+        ended = threading.Event()
+
+        def send_bytes() -> None:
+            while not ended.wait(0.02):
+                autopilot.sendall(b"\xfd")
+
+        sender = threading.Thread(target=send_bytes)
+        sender.start()
+        began = time.monotonic()
+        with pytest.raises(TimeoutError, match=r"has not replied within 0\.2 s"):
+            link.receive_actuators(0, 0.2)
+        assert time.monotonic() - began < 5
+        ended.set()
+        sender.join()
+
+
+def test_random_bytes_before_a_reply_are_skipped() -> None:
+    """Bytes of no message, damaged messages and messages of other kinds; the valid reply at the end is found."""
+    rng = np.random.default_rng(1)
+    valid = reply().pack(mavlink.MAVLink(None))
+    for _ in range(200):
+        damaged = bytearray(valid)
+        damaged[rng.integers(len(damaged))] ^= 1 << int(rng.integers(8))
+        other = mavlink.MAVLink_heartbeat_message(2, 12, 0, 0, 3, 3).pack(mavlink.MAVLink(None))
+        noise = rng.bytes(int(rng.integers(40))).replace(b"\xfd", b"").replace(b"\xfe", b"")
+        with connected() as (link, autopilot):
+            autopilot.sendall(noise + bytes(damaged) + other + valid + valid)
+            assert link.receive_actuators(2001, 10.0).time_usec >= 2001

@@ -20,7 +20,7 @@ from colift import scenario
 from colift.closed_loop import log
 from colift.integrations import ros2_bag
 from colift.scenario import team as team_module
-from tests.support import pinocchio_team
+from tests.support import pinocchio_team, varied_scenarios
 from tests.support import random_logs as flights
 
 TOLD = scenario.load_scenario("paper")
@@ -31,7 +31,6 @@ SHAPE = flights.Shape(groups=((2, 3, 2),), time=12)
 def ds() -> xr.Dataset:
     """Random signals of the paper's team with rotation matrices as attitudes."""
     rng = np.random.default_rng(3)
-    rows = flights.rows(rng, SHAPE)
     turned = {name: Rotation.random(n, random_state=rng).as_matrix() for name, n in (("R", 24), ("R_L", 12), ("d", 12))}
     R_L, R_d = turned["R_L"], turned["d"]
     Q = np.einsum("tji,tjk->tik", R_d, R_L)
@@ -39,12 +38,11 @@ def ds() -> xr.Dataset:
     Psi = (3 - np.trace(Q, axis1=1, axis2=2)) / 2
     attrs = {"scenario_json": TOLD.model_dump_json(exclude_none=True), "run": flights.RUN, "case": "C1", "R_d": R_d}
     names = {"agents": team_module.agent_names(TOLD), "joints": team_module.joint_names(TOLD)}
-    made = log.dataset(
-        rows, sigma=flights.sigma(rng, SHAPE), attrs={}, contacts=team_module.contact_names(TOLD), **names
-    ).assign_attrs(**attrs)
-    made.R.values[:] = turned["R"].reshape(12, 2, 3, 3)
-    made.R_L.values[:], made.e_R.values[:], made.Psi.values[:] = R_L, e_R, Psi
-    return made
+    names["contacts"] = team_module.contact_names(TOLD)
+    rows = flights.rows(rng, SHAPE, R=turned["R"].reshape(12, 2, 3, 3), R_L=R_L, e_R=e_R, Psi=Psi)
+    team, _ = team_module.team(TOLD)
+    made = log.dataset(rows, team=team, sigma=flights.sigma(rng, SHAPE), attrs={}, **names)
+    return made.assign_attrs(**attrs)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +113,7 @@ def test_wrenches_are_in_the_stated_frames(ds: xr.Dataset, messages: dict[str, l
     for k, tf in enumerate(messages["/tf"]):
         frames = {t.child_frame_id: t for t in tf.transforms}
         R_L = matrix(frames["payload"].transform.rotation)
-        for topic, F, tau in [("payload/wrench_desired", ds.W_d.values[k, :3], ds.W_d.values[k, 3:])] + [
+        for topic, F, tau in [("payload/wrench_desired", ds.W_d_force.values[k], ds.W_d_moment.values[k])] + [
             (f"{name}/force", ds.lam.values[k, b], np.zeros(3)) for b, name in enumerate(ds.contact.values)
         ]:
             m = messages[f"/{topic}"][k]
@@ -173,3 +171,30 @@ def test_ambiguous_ros_names_are_refused(ds: xr.Dataset) -> None:
     names = ["n-1", "n_1"]
     with pytest.raises(ValueError, match="n_1: frame names must be unique"):
         ros2_bag.to_mcap(ds.assign_coords(agent=names))
+
+
+def test_prismatic_joints_are_in_the_joint_states(tmp_path: Path) -> None:
+    """A team with joints of both types: two cranes that slide, and a claw that turns."""
+    told, shape = varied_scenarios.mixed(), flights.Shape(groups=((2, 1, 1), (1, 2, 2)), time=3)
+    rng = np.random.default_rng(4)
+    rows = flights.rows(rng, shape)
+    names = {
+        "agents": team_module.agent_names(told),
+        "joints": team_module.joint_names(told),
+        "contacts": team_module.contact_names(told),
+    }
+    attrs = {"scenario_json": told.model_dump_json(exclude_none=True)}
+    made = log.dataset(rows, team=team_module.team(told)[0], sigma=flights.sigma(rng, shape), attrs=attrs, **names)
+    assert made.prismatic_joint.values.tolist() == ["a/hook", "c/winch"]
+    (tmp_path / "C1.mcap").write_bytes(ros2_bag.to_mcap(made))
+    store, found = get_typestore(Stores.ROS2_JAZZY), {}
+    with Reader(tmp_path / "C1.mcap") as reader:
+        for connection, _, raw in reader.messages():
+            if connection.topic.endswith("joint_states"):
+                found.setdefault(connection.topic, []).append(store.deserialize_cdr(raw, connection.msgtype))
+    own = {"a": [0], "c": [1], "b": [2, 3]}
+    assert set(found) == {f"/{name}/joint_states" for name in own}
+    for name, columns in own.items():
+        for k, m in enumerate(found[f"/{name}/joint_states"]):
+            for values, logged in ((m.position, rows.r), (m.velocity, rows.r_dot), (m.effort, rows.tau_r)):
+                np.testing.assert_array_equal(values, logged[k, columns])

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from colift import scenario
-from colift.models import aerial_manipulator, urdf
+from colift.models import aerial_manipulator, link_tree, urdf
 from colift.models.parameters import AerialManipulator
+from colift.runtime import bounded_read
 from colift.scenario import ScenarioError, team
 from tests.support import pinocchio_team
 from tests.support import random_teams as teams
@@ -275,7 +276,7 @@ REFUSED = [
         "<limit",
         '<mimic joint="wrist"/><limit',
         r"two\.urdf:9: joint 'shoulder' depends on another joint \(<mimic>\).*: "
-        r"choose mimic 'frozen' .* or 'independent' ",
+        r"choose mimic='frozen' .* or mimic='independent' ",
     ),
     ('xyz="2 0 0"', 'xyz="0 0 0"', r"two\.urdf:8: joint 'shoulder': the axis must not be zero"),
     ('xyz="2 0 0"', 'xyz="2 0"', "'xyz' of <axis> must be 3 finite numbers, got '2 0'"),
@@ -341,9 +342,14 @@ def test_tips_contacts_and_thrust_are_validated(tip, contact, thrust: float, ans
         urdf.make_agent(urdf.parse_urdf(TWO_ARMS, "two.urdf"), [tip], [contact], thrust)
 
 
-def test_too_large_or_undecodable_file_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"^/dev/zero:1: the file is larger than 16 MiB"):
+def test_too_large_or_undecodable_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="not a regular file"):
         urdf.load_urdf("/dev/zero")
+    large = tmp_path / "large.urdf"
+    with large.open("wb") as file:
+        file.truncate(bounded_read.MAX_TEXT_BYTES + 1)
+    with pytest.raises(OSError, match="larger than 16 MiB"):
+        urdf.load_urdf(large)
     for encoding in ("nothing", "utf-7", "big5", "utf-16"):
         with pytest.raises(ValueError, match=r"^r\.urdf:1: "):
             urdf.parse_urdf(f'<?xml version="1.0" encoding="{encoding}"?><robot name="x"/>'.encode(), "r.urdf")
@@ -490,8 +496,8 @@ def test_scenario_selects_the_mode_of_mimic_joints(scenario_file: Path) -> None:
     [
         ('value="1.5"', 'value="9e9"', "urdf: vehicles/two.urdf: base.mass_kg [kg]: must be from 1e-6 to 100000"),
         ('value="1.5"', 'value="-1.5"', "two.urdf:2: link 'base': mass -1.5 kg is negative"),
-        ('name="waist" type', 'name="the waist" type', "joint 'the waist': a name is a letter, then letters"),
-        ('"left_hand"', '"left/hand"', "'left/hand' cannot name an arm: give the tip a `name`"),
+        ('name="waist" type', f'name="{"w" * 101}" type', "two.urdf:6: joint: name 'www"),
+        ('"left_hand"', f'"{"h" * 101}"', "cannot name an arm: give the tip a `name`"),
     ],
 )
 def test_urdf_errors_are_reported_with_scenario_errors(
@@ -499,7 +505,7 @@ def test_urdf_errors_are_reported_with_scenario_errors(
 ) -> None:
     (scenario_file.parent / "vehicles" / "two.urdf").write_text(SAME.replace(original, replacement), encoding="utf-8")
     text = scenario_file.read_text(encoding="utf-8").replace(
-        "left_hand,", f"{replacement.strip(chr(34))}," * ("/" in replacement) or "left_hand,"
+        "left_hand,", f"{replacement.strip(chr(34))}," * ("h" * 9 in replacement) or "left_hand,"
     )
     with pytest.raises(ScenarioError) as refused:
         scenario.parse(text.replace("K_p: 5", "K_p: -5"), str(scenario_file))
@@ -585,3 +591,120 @@ def test_wrong_number_of_names_is_refused() -> None:
     agent = teams.agent(np.random.default_rng(0), teams.CHAIN)
     with pytest.raises(ValueError, match="one: 2 names for 3 joints, 1 for 1 arms"):
         urdf.to_urdf("one", agent, ["a", "b"], ["c"])
+
+
+# Attributes, versions, limits and frozen joints -----------------------------------------------------------------------
+
+TURNED = """<robot name="r" version="1.1"><link name="base"><inertial>
+  <origin xyz="0 0 0" quat_xyzw="0 0 0.7071067811865476 0.7071067811865476"/><mass value="1"/>
+  <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.025"/></inertial></link>
+<link name="arm"><inertial><mass value="0.1"/><inertia ixx="1e-4" ixy="0" ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/>
+</inertial></link>
+<joint name="elbow" type="revolute"><origin xyz="0.1 0 -0.1" quat_xyzw="0 0 0.7071067811865476 0.7071067811865476"/>
+<parent link="base"/><child link="arm"/><limit lower="-1" upper="2" effort="3" velocity="4"/></joint></robot>"""
+
+
+def test_quaternions_of_urdf_1_1_are_read() -> None:
+    robot = urdf.parse_urdf(TURNED, "r.urdf")
+    np.testing.assert_allclose(robot.bodies[0].inertia, np.diag([0.02, 0.01, 0.025]), atol=1e-15)
+    np.testing.assert_allclose(robot.joints[0].rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
+
+
+def test_limits_are_read() -> None:
+    assert urdf.parse_urdf(TURNED, "r.urdf").joints[0].limits == urdf.JointLimits((-1.0, 2.0), 4.0, 3.0)
+    for unlimited in ('lower="-1e16" upper="1e16" effort="inf"', 'effort="0" velocity="0"'):
+        text = re.sub("<limit [^/]*/>", f"<limit {unlimited}/>", TURNED)
+        assert urdf.parse_urdf(text, "r.urdf").joints[0].limits == urdf.JointLimits()
+    one_sided = re.sub("<limit [^/]*/>", '<limit upper="2"/>', TURNED)
+    assert urdf.parse_urdf(one_sided, "r.urdf").joints[0].limits.position == (0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("written", "instead", "answer"),
+    [
+        ('version="1.1"', 'version="2.0"', "URDF version '2.0' is not supported; supported: 1, 1.0"),
+        ('quat_xyzw="0 0 0.7071067811865476', 'quat_xyzw="0 0 0.8', "must be a unit quaternion, its norm is 1.06"),
+        ('xyz="0.1 0 -0.1"', 'rpy="0 0 1"', "states its rotation twice, as 'rpy' and as 'quat_xyzw'"),
+        ('xyz="0.1 0 -0.1"', 'xyz="0.1 0 -0.1" scale="2"', "attribute 'scale' of <origin> is unknown"),
+        ('<mass value="1"/>', '<mass value="1" unit="g"/>', "link 'base'|<inertial>: attribute 'unit' of <mass>"),
+        ('lower="-1"', 'lower="3"', "joint 'elbow': the lower limit 3 exceeds the upper limit 2"),
+        ("</robot>", '<loop_joint name="l"/></robot>', "<loop_joint> closes a loop"),
+    ],
+)
+def test_attributes_that_change_the_model_are_refused(written: str, instead: str, answer: str) -> None:
+    assert written in TURNED
+    with pytest.raises(ValueError, match=rf"^r\.urdf:\d+: .*({answer})"):
+        urdf.parse_urdf(TURNED.replace(written, instead, 1), "r.urdf")
+
+
+def test_an_empty_floating_root_is_dropped() -> None:
+    rooted = TURNED.replace(
+        "</robot>",
+        '<link name="world"/><joint name="root" type="floating"><parent link="world"/><child link="base"/></joint>'
+        "</robot>",
+    )
+    robot = urdf.parse_urdf(rooted, "r.urdf")
+    assert list(robot.links) == ["base", "arm"]
+    heavy = rooted.replace(
+        '<link name="world"/>',
+        '<link name="world"><inertial><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>',
+    )
+    with pytest.raises(ValueError, match="joint 'root': type 'floating' is not supported"):
+        urdf.parse_urdf(heavy, "r.urdf")
+
+
+def test_frozen_joints_are_fixed_at_their_positions() -> None:
+    robot = urdf.parse_urdf(TURNED, "r.urdf", nominal_positions={"elbow": np.pi / 2}, frozen=["elbow"])
+    assert (len(robot.joints), robot.links["arm"].body) == (0, 0)
+    np.testing.assert_allclose(robot.links["arm"].rotation[:, 1], [0, 0, 1], atol=1e-15)
+    with pytest.raises(ValueError, match=r"r\.urdf: frozen joint 'e' is not a joint that moves; joints: elbow"):
+        urdf.parse_urdf(TURNED, "r.urdf", frozen=["e"])
+
+
+def test_a_balanced_inertia_is_the_closest_physical_one() -> None:
+    flat = TURNED.replace('izz="0.025"', 'izz="0.06"')
+    with pytest.raises(ValueError, match=r"0\.01, 0\.02, 0\.06 kg m\^2, and 0\.06 > 0\.03: choose inertia='balanced'"):
+        urdf.parse_urdf(flat, "r.urdf")
+    robot = urdf.parse_urdf(flat, "r.urdf", inertia="balanced")
+    np.testing.assert_allclose(robot.bodies[0].inertia, np.diag([0.03, 0.02, 0.05]), atol=1e-15)
+    (change,) = robot.changes
+    assert "link 'base': principal moments 0.01, 0.02, 0.06 kg m^2" in change
+    assert change.endswith("balanced to 0.02, 0.03, 0.05")
+    rng = np.random.default_rng(0)
+    others = rng.uniform(1e-3, 0.1, (2000, 3))
+    others = others[others[:, 2] <= others[:, :2].sum(1)]
+    target = np.array([0.01, 0.02, 0.06])
+    closest = np.linalg.norm(others - target, axis=1).min()
+    assert np.linalg.norm(link_tree.balanced_moments(target) - target) <= closest
+
+
+def test_settings_of_a_scenario_name_what_they_are(scenario_file: Path) -> None:
+    """The advice of a refusal names settings of the scenario."""
+    file = scenario_file.parent / "vehicles" / "two.urdf"
+    file.write_text(SAME.replace('izz="0.035"', 'izz="0.1"'), encoding="utf-8")
+    with pytest.raises(ScenarioError, match="choose `inertia: balanced`"):
+        scenario.load_scenario(scenario_file)
+    text = scenario_file.read_text(encoding="utf-8").replace(
+        "    thrust_max_N: 50\n", "    thrust_max_N: 50\n    inertia: balanced\n"
+    )
+    settings = scenario.parse(text, str(scenario_file))
+    assert settings.agent_types["two_arms"].base.inertia_kgm2[2][2] == pytest.approx(0.08)
+    file.write_text(
+        SAME.replace('<child link="right"/>', '<child link="right"/><mimic joint="left"/>'), encoding="utf-8"
+    )
+    with pytest.raises(ScenarioError, match=r"choose `mimic_joints: frozen` .* or `mimic_joints: independent`"):
+        scenario.load_scenario(scenario_file)
+
+
+def test_a_frozen_joint_of_a_scenario_is_not_in_the_team(scenario_file: Path) -> None:
+    file = scenario_file.parent / "vehicles" / "two.urdf"
+    rotor = ARM.format("rotor/1", 0.2).replace('"waist"', '"base"')
+    file.write_text(SAME.replace("</robot>", rotor + "</robot>"), encoding="utf-8")
+    text = scenario_file.read_text(encoding="utf-8")
+    assert "front/rotor-2f-1" in team.joint_names(scenario.parse(text, str(scenario_file)))
+    for name in ("rotor/1", "rotor-2f-1"):
+        frozen = text.replace("    thrust_max_N: 50\n", f"    thrust_max_N: 50\n    frozen: [{name}]\n")
+        assert "front/rotor-2f-1" not in team.joint_names(scenario.parse(frozen, str(scenario_file)))
+    with pytest.raises(ScenarioError, match=r"frozen\[0\]: 'rotor' is not a joint that moves .*did you mean"):
+        scenario.parse(frozen.replace("[rotor-2f-1]", "[rotor]"), str(scenario_file))

@@ -19,9 +19,7 @@ MEAN = semiparametric.MeanPrior(payload=np.ones(14), agents=np.ones(5), nominal_
 
 def learner_with(enough: int) -> online_learner.OnlineLearner:
     """Return a learner with online updates that requires a number of samples."""
-    options = online_learner.OnlineUpdateOptions(
-        times=(), nis_threshold=3.0, transient_time=0.0, min_samples=enough, forgetting_time=20.0, mean_prior=MEAN
-    )
+    options = online_learner.OnlineUpdateOptions(times=(), transient_time=0.0, min_samples=enough, mean_prior=MEAN)
     return online_learner.OnlineLearner(None, None, options)
 
 

@@ -406,14 +406,7 @@ def test_filter_error_of_the_study_is_below_label_noise():
     """Without noise, the filters of the study have a smaller error than its label noise."""
     y, expected = recorded_labels(paper_flights.without_noise(paper_flights.paper_experiment("C1")), 0.002)
     error = np.sqrt(((y - expected) ** 2).mean(0))
-    learning = paper_flights.SETTINGS.learning
-    stated = [
-        *(learning.payload.force_noise_std_N, learning.payload.moment_noise_std_Nm),
-        *(
-            learning.agents.force_noise_std_N,
-            learning.agents.moment_noise_std_Nm,
-            learning.agents.joint_torque_noise_std_Nm,
-        ),
-    ]
+    load, agents = (getattr(paper_flights.SETTINGS.learning, body).noise_std for body in ("payload", "agents"))
+    stated = [load.force_N, load.moment_Nm, agents.force_N, agents.moment_Nm, agents.joint_torque_Nm]
     assert (error < np.repeat(stated, [3, 3, 6, 6, 6])).all()
     assert (error[:3] < 0.05 * np.sqrt((expected[:, :3] ** 2).mean(0))).all()

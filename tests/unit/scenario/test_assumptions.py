@@ -19,12 +19,12 @@ def test_bound_assumptions_have_the_stated_values():
     assert certificate.agent_label_error is not None
     np.testing.assert_array_equal(
         stated.payload,
-        [certificate.payload_label_error.force_error_N] * 3 + [certificate.payload_label_error.moment_error_Nm] * 3,
+        [certificate.payload_label_error.force_N] * 3 + [certificate.payload_label_error.moment_Nm] * 3,
     )
     row = (
-        [certificate.agent_label_error.force_error_N] * 3
-        + [certificate.agent_label_error.moment_error_Nm] * 3
-        + [certificate.agent_label_error.joint_torque_error_Nm] * 3
+        [certificate.agent_label_error.force_N] * 3
+        + [certificate.agent_label_error.moment_Nm] * 3
+        + [certificate.agent_label_error.joint_torque_Nm] * 3
     )
     np.testing.assert_array_equal(stated.agents[0], [row, row])
     assert stated.assumed == ("rkhs norm", "bounded noise energy")  # unknown for a team in wind
@@ -35,9 +35,9 @@ def test_default_label_errors_are_three_std():
     s = changed("paper", certificate={})
     _, nominal = team.team(s)
     stated = assumptions.bound_assumptions(s, nominal, zero_residual(nominal))
-    noise = s.learning.agents
+    noise = s.learning.agents.noise_std
     np.testing.assert_allclose(stated.payload, [0.3] * 3 + [0.06] * 3)
-    row = 3 * np.repeat([noise.force_noise_std_N, noise.moment_noise_std_Nm, noise.joint_torque_noise_std_Nm], 3)
+    row = 3 * np.repeat([noise.force_N, noise.moment_Nm, noise.joint_torque_Nm], 3)
     np.testing.assert_allclose(stated.agents[0], [row, row])
 
 
@@ -58,7 +58,7 @@ def test_certified_scenario_assumes_nothing():
     assert assumed(nominal={"payload": scenario.load_scenario("paper").payload.model_dump() | {"mass_kg": 1.2}}) == (
         "rkhs norm",
     )
-    assert assumed(random_residual=None, learning=learning | {"label_source": "onboard"}) == (
+    assert assumed(random_residual=None, learning=learning | {"rig_label_error": None}) == (
         "rkhs norm",
         "bounded noise energy",
     )
@@ -67,7 +67,7 @@ def test_certified_scenario_assumes_nothing():
         "learning": learning | {"hyperparameters": "optimized"},
     }
     assert assumed(**fitted) == ("rkhs norm", "fixed hyperparameters")
-    small = {"force_error_N": 1e-6, "moment_error_Nm": 1e-6}
+    small = {"force_N": 1e-6, "moment_Nm": 1e-6}
     assert assumed(certificate={"rkhs_norm": norm, "payload_label_error": small}) == ("bounded noise energy",)
 
 

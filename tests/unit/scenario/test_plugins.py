@@ -1,4 +1,4 @@
-"""Tests of plugins in a scenario file: import, validation, construction, and every error with its place."""
+"""User-defined plugins in a scenario file: import, checks, construction, and the place in every error message."""
 
 import dataclasses
 import re
@@ -8,9 +8,11 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import colift
 from colift import scenario
+from colift.cli.app import app
 from colift.scenario import Scenario, ScenarioError
 from colift.scenario.plugins import plugin_path
 from tests.support import small_team as light
@@ -190,13 +192,99 @@ class Bare(Section):
 class Plain:
     def build(self):
         pass
+
+
+class NoTree:
+    """No PyTree."""
+
+    def init(self):
+        return ()
+
+    def compute(self, state, context):
+        return context.setpoint.a, state
+
+
+class NoTreeController(Section):
+    def build(self, controller):
+        return NoTree()
+
+
+class FailingController(Section):
+    def build(self, controller):
+        raise RuntimeError("no gains")
+
+
+@pytree
+class Branching:
+    base: Any
+
+    def init(self):
+        return self.base.init()
+
+    def compute(self, state, context):
+        if context.clock.t > 1:  # BRANCH
+            return self.base.compute(state, context)
+        return self.base.compute(state, context)
+
+
+class BranchingController(Section):
+    def build(self, controller):
+        return Branching(base=controller.payload_controller)
+
+
+@pytree
+class ForceOnly(disturbances.DisturbanceModel):
+    time_invariant: ClassVar[bool] = True
+
+    def __call__(self, at, t, state):
+        return at.v
+
+
+class ForceOnlyDrag(Section):
+    def build(self):
+        return ForceOnly()
+
+
+@pytree
+class NoState(sensors.SensorModel):
+    def apply(self, measurement, truth, clock, state, noise):
+        return measurement
+
+
+class NoStateSensor(Section):
+    def build(self):
+        return NoState()
+
+
+@pytree
+class Point:
+    position: Any
+
+    def evaluate(self, t):
+        return self.position
+
+
+class PointReference(Section):
+    def build(self):
+        return Point(position=jnp.zeros(3))
+
+
+@pytree
+class HalfActuators(actuators.IdealActuators):
+    def __call__(self, command, state, clock):
+        return command
+
+
+class HalfActuatorSettings(Section):
+    def build(self, world):
+        return HalfActuators()
 '''
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder with a module of plugins, whose name no other test uses."""
-    path = tmp_path_factory.mktemp("plugins")
+    """A folder with a module of parts, of a name that no other test has."""
+    path = tmp_path_factory.mktemp("own")
     (path / "plugins_of_tests.py").write_text(MODULE)
     yield path
     sys.path.remove(str(path))
@@ -208,16 +296,16 @@ def read(folder: Path, more: str, text: str = SAMPLE) -> Scenario:
     return scenario.load_scenario(folder / "mine.yaml")
 
 
-def plugin(name: str, settings: str = "{}") -> str:
+def own(name: str, settings: str = "{}") -> str:
     return f"{{kind: plugin, class_path: 'plugins_of_tests:{name}', settings: {settings}}}"
 
 
 def part(name: str, settings: str = "{}") -> str:
-    return plugin(name, settings).replace("kind: plugin, ", "")
+    return own(name, settings).replace("kind: plugin, ", "")
 
 
-def error_of(folder: Path, more: str) -> str:
-    """Return the single error of a text without `file:line`."""
+def refused(folder: Path, more: str) -> str:
+    """Return the error message of a text with one error, without `file:line`."""
     with pytest.raises(ScenarioError) as error:
         read(folder, more)
     place, _, words = str(error.value).partition(": ")
@@ -225,8 +313,8 @@ def error_of(folder: Path, more: str) -> str:
     return words
 
 
-def test_plugins_of_every_kind_are_used_in_a_flight(folder):
-    """Plugins of every kind are built from their settings and used in a simulation."""
+def test_parts_of_every_kind_are_built_from_their_settings(folder):
+    """Parts of every kind are built from their settings and fly."""
 
     def named(name: str, **settings: object) -> dict[str, object]:
         return {"kind": "plugin", "class_path": f"plugins_of_tests:{name}", "settings": settings}
@@ -247,23 +335,19 @@ def test_plugins_of_every_kind_are_used_in_a_flight(folder):
             },
         )
     settings = scenario.load_scenario(path)
-    c2_experiment = colift.make_experiment(settings, "C2")
+    plan = colift.make_experiment(settings, "C2")
     assert (
-        c2_experiment.controller.residual_model.payload.X.shape[-1]
-        == c2_experiment.controller.residual_model.agents[0].X.shape[-1]
-        == 3
+        plan.controller.residual_model.payload.X.shape[-1] == plan.controller.residual_model.agents[0].X.shape[-1] == 3
     )
-    assert type(c2_experiment.controller.payload_controller).__name__ == "Scaled"
-    assert c2_experiment.controller.payload_controller.share == 0.5
-    assert c2_experiment.controller.payload_controller.share.dtype == float
-    assert type(c2_experiment.world.actuators).__name__ == "Weak"
-    assert type(c2_experiment.world.sensor_models[0]).__name__ == "Offset"
-    assert [m.name for m in c2_experiment.world.disturbances.payload if not m.model.time_invariant] == ["sway"]
-    recorder = dataclasses.replace(c2_experiment.controller.recorder, start=jnp.asarray(0.0))
-    controller = dataclasses.replace(c2_experiment.controller, recorder=recorder)
-    flight = colift.run_experiment(
-        dataclasses.replace(c2_experiment, controller=controller, update_times=(0.2,), duration=0.3)
-    )
+    assert type(plan.controller.payload_controller).__name__ == "Scaled"
+    assert plan.controller.payload_controller.share == 0.5
+    assert plan.controller.payload_controller.share.dtype == float
+    assert type(plan.world.actuators).__name__ == "Weak"
+    assert type(plan.world.sensor_models[0]).__name__ == "Offset"
+    assert [m.name for m in plan.world.disturbances.payload if not m.model.time_invariant] == ["sway"]
+    recorder = dataclasses.replace(plan.controller.recorder, start=jnp.asarray(0.0))
+    pilot = dataclasses.replace(plan.controller, recorder=recorder)
+    flight = colift.run_experiment(dataclasses.replace(plan, controller=pilot, update_times=(0.2,), duration=0.3))
     assert not flight.termination_reason
     assert flight.updates[0].fits["payload"].lengthscales.shape == (6, 3)
     assert {type(fit.hyper.kernel).__name__ for fit in flight.updates[0].fits.values()} == {"RationalQuadratic"}
@@ -273,16 +357,16 @@ def test_plugins_of_every_kind_are_used_in_a_flight(folder):
     assert np.allclose(flight.records.p_d, [1.0, 2.0, 3.0])
 
 
-def test_true_residual_refuses_stateful_disturbances(folder):
-    """Case `true_residual` is refused if a disturbance has an internal state."""
+def test_exact_residuals_are_refused_for_laws_with_a_state(folder):
+    """Exact residuals are refused if a disturbance law has an internal state."""
     with plugin_path(folder):
-        models = [
-            {"kind": "plugin", "class_path": f"plugins_of_tests:{model}", "settings": {"force_N": [1, 0, 0]}}
-            | {"name": f"{model}_{bodies}", "acts_on": bodies}
-            for model in ("SwayForce", "LateForce")
+        laws = [
+            {"kind": "plugin", "class_path": f"plugins_of_tests:{law}", "settings": {"force_N": [1, 0, 0]}}
+            | {"name": f"{law}_{bodies}", "acts_on": bodies}
+            for law in ("SwayForce", "LateForce")
             for bodies in ("payload", "agents")
         ]
-        settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=models))
+        settings = scenario.load_scenario(light.write(folder / "late.yaml", disturbances=laws))
     with pytest.raises(
         ScenarioError,
         match=r"case true_residual evaluates .* these disturbances have an internal state: "
@@ -292,8 +376,8 @@ def test_true_residual_refuses_stateful_disturbances(folder):
     assert colift.make_experiment(settings, "C1").world.disturbances.payload
 
 
-def test_plugin_settings_are_part_of_the_run_id(folder):
-    """Plugin settings are part of the run's digest and are kept in a copy."""
+def test_settings_are_part_of_what_identifies_a_run_and_survive(folder):
+    """Settings are part of what identifies a run and survive a copy."""
     one, two = (
         read(folder, f"\nplugins: {{payload_controller: {part('ScaledController', f'{{share: {x}}}')}}}")
         for x in (0.5, 0.6)
@@ -348,12 +432,12 @@ def test_plugin_settings_are_part_of_the_run_id(folder):
         ("settings: {}", "plugins.payload_controller.class_path: is required"),
     ],
 )
-def test_plugin_errors_state_their_place(folder, more, says):
-    assert says in error_of(folder, f"\nplugins: {{payload_controller: {{{more}}}}}")
+def test_mistakes_in_a_part_are_told_with_their_place(folder, more, says):
+    assert says in refused(folder, f"\nplugins: {{payload_controller: {{{more}}}}}")
 
 
-def test_range_error_states_its_reason(folder):
-    assert error_of(folder, f"\nactuators: {plugin('WeakActuators', '{share: 3}')}") == (
+def test_a_range_of_a_part_s_quantity_says_why(folder):
+    assert refused(folder, f"\nactuators: {own('WeakActuators', '{share: 3}')}") == (
         "actuators.settings.share: must be from 0 to 0.99 (a share of less than 1), got 3"
     )
 
@@ -366,19 +450,17 @@ def test_range_error_states_its_reason(folder):
         ("own_import", "import no_such_thing\n", "own_import.py:1: ModuleNotFoundError: No module named 'no_such"),
     ],
 )
-def test_import_error_states_place_and_reason(folder, module, code, says):
+def test_a_module_that_cannot_be_imported_says_where_and_why(folder, module, code, says):
     (folder / f"{module}.py").write_text(code)
-    assert f"{module} cannot be imported: {says}" in error_of(
+    assert f"{module} cannot be imported: {says}" in refused(
         folder, f"\nplugins: {{payload_controller: {{class_path: '{module}:A'}}}}"
     )
 
 
-def test_second_module_of_equal_name_is_refused(folder, tmp_path):
+def test_of_two_modules_of_one_name_the_other_is_refused(folder, tmp_path):
     read(folder, f"\nplugins: {{payload_controller: {part('ScaledController')}}}")
     (tmp_path / "plugins_of_tests.py").write_text(MODULE)
-    assert "give it another name" in error_of(
-        tmp_path, f"\nplugins: {{payload_controller: {part('ScaledController')}}}"
-    )
+    assert "give it another name" in refused(tmp_path, f"\nplugins: {{payload_controller: {part('ScaledController')}}}")
     sys.path.remove(str(tmp_path))
 
 
@@ -389,27 +471,90 @@ def test_second_module_of_equal_name_is_refused(folder, tmp_path):
             f"plugins: {{payload_controller: {part('Nothing')}}}",
             "plugins.payload_controller: plugins_of_tests:Nothing built a value of type dict",
         ),
-        (f"physics: {plugin('Nothing')}", "which is no colift.simulation.world.Plant"),
-        (f"actuators: {plugin('Nothing')}", "which is no colift.simulation.actuators.IdealActuators"),
+        (f"physics: {own('Nothing')}", "which is no colift.simulation.world.Plant"),
+        (f"actuators: {own('Nothing')}", "IdealActuators: its class must extend it (docs/change_a_part.md)"),
+        (f"physics: {own('Nothing')}", "Plant: it has no method forward_dynamics, step (docs/change_a_part.md)"),
     ],
 )
-def test_plugin_must_build_a_part(folder, more, says):
+def test_what_is_built_must_be_a_part(folder, more, says):
     settings = read(folder, "\n" + more)
     with pytest.raises(ScenarioError, match="no colift") as error:
         colift.make_experiment(settings, "C1")
     assert says in str(error.value)
 
 
-def test_scenario_without_plugins_keeps_the_import_path(tmp_path):
-    """A scenario without plugins leaves the import path unchanged."""
+BRANCH_LINE = 1 + MODULE[: MODULE.index("# BRANCH")].count("\n")
+DRAG = "{kind: plugin, name: drag, acts_on: agents, class_path: 'plugins_of_tests:ForceOnlyDrag'}"
+
+
+@pytest.mark.parametrize(
+    ("section", "value", "message"),
+    [
+        (
+            "plugins",
+            f"{{payload_controller: {part('NoTreeController')}}}",
+            "plugins.payload_controller: plugins_of_tests:NoTreeController built a value of type NoTree, "
+            "which is not a PyTree; decorate its class with `colift.math.pytree.pytree`",
+        ),
+        (
+            "plugins",
+            f"{{payload_controller: {part('FailingController')}}}",
+            "plugins.payload_controller: plugins_of_tests:FailingController.build: RuntimeError: no gains",
+        ),
+        (
+            "plugins",
+            f"{{payload_controller: {part('BranchingController')}}}",
+            f"payload_controller: Branching.compute (plugins_of_tests.py:{BRANCH_LINE}): a Python condition depends on "
+            "an array; use `jnp.where` or `jax.lax.cond` instead of `if` (docs/change_a_part.md)",
+        ),
+        (
+            "disturbances",
+            f"[{DRAG}]",
+            "disturbances.drag: ForceOnly.__call__: the result is float64[3]; must be (float64[3], float64[3]) "
+            "(docs/change_a_part.md)",
+        ),
+        (
+            "sensors",
+            f"{{models: [{own('NoStateSensor')}]}}",
+            "sensors.models.0: NoState.apply: returned Measurement; must return (result, next state) "
+            "(docs/change_a_part.md)",
+        ),
+        (
+            "reference",
+            own("PointReference"),
+            "reference: Point.evaluate: the result is float64[3]; must be PayloadSetpoint (docs/change_a_part.md)",
+        ),
+        (
+            "actuators",
+            own("HalfActuatorSettings"),
+            "actuators: HalfActuators.__call__: returned (AgentInput); must return (result, next state) "
+            "(docs/change_a_part.md)",
+        ),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused_before_a_flight(folder, section, value, message):
+    """The command line reports part, method, what is required and what was returned, in one line."""
+    text = re.sub(rf"^{section}:.*\n(  .*\n)*", "", SAMPLE, flags=re.MULTILINE)
+    settings = read(folder, f"\n{section}: {value}\n", text)
+    with pytest.raises(ScenarioError) as error:
+        colift.make_experiment(settings, "C1")
+    assert str(error.value) == message
+    done = CliRunner().invoke(app, ["study", str(folder / "mine.yaml"), "--quiet", "--out", str(folder / "out")])
+    assert (done.exit_code, done.stderr) == (2, f"{message}\n")
+
+
+def test_a_scenario_without_parts_of_one_s_own_leaves_the_import(tmp_path):
+    """A scenario without parts of one is own leaves the import path alone."""
     before = list(sys.path)
     read(tmp_path, "")
     assert sys.path == before
 
 
-def test_random_residuals_refuse_a_custom_reference(folder):
-    path = f"reference: {plugin('Hover', '{position_m: [0, 0, 1]}')}\n"
+def test_drawn_residuals_need_a_reference_that_colift_knows(folder):
+    path = f"reference: {own('Hover', '{position_m: [0, 0, 1]}')}\n"
     text = re.sub(r"^reference:\n(  .*\n)*", path, SAMPLE, flags=re.MULTILINE)
     read(folder, "", text)
-    with pytest.raises(ScenarioError, match="random_residual: must be omitted: its centers lie along"):
+    with pytest.raises(
+        ScenarioError, match="random_residual: must be omitted: its centers lie along a built-in reference"
+    ):
         read(folder, "\nrandom_residual: {rkhs_norm: 2}\n", text)

@@ -13,9 +13,9 @@ from colift.scenario import ScenarioError, priors, team
 def test_prior_std_is_that_of_the_scenario():
     """Before any data the models predict the scenario's standard deviations."""
     s = scenario.load_scenario("paper")
-    prior = s.learning.agents
+    prior = s.learning.agents.signal_std
     model = priors.prior_model(s, team.team(s)[1])
-    expected = np.repeat([prior.force_std_N, prior.moment_std_Nm, prior.joint_torque_std_Nm], 3) ** 2
+    expected = np.repeat([prior.force_N, prior.moment_Nm, prior.joint_torque_Nm], 3) ** 2
     variance = jax.vmap(gp.variance)(model.agents[0], jnp.ones((2, 24)))
     np.testing.assert_allclose(variance, np.tile(expected, (2, 1)))
     assert np.abs(gp.mean(model.payload, jnp.ones(20))).max() == 0
@@ -39,7 +39,8 @@ def test_rotation_and_joint_rates_have_own_length_scales():
 def test_too_small_noise_is_refused():
     """Noise that is too small for the number of samples is refused with its section."""
     s = scenario.load_scenario("paper")
-    quiet = s.learning.agents.model_copy(update={"joint_torque_noise_std_Nm": 1e-9})
+    noise = s.learning.agents.noise_std.model_copy(update={"joint_torque_Nm": 1e-9})
+    quiet = s.learning.agents.model_copy(update={"noise_std": noise})
     s = s.model_copy(update={"learning": s.learning.model_copy(update={"agents": quiet})})
     with pytest.raises(ScenarioError, match=r"^paper: learning.agents: output 6: "):
         priors.prior_model(s, team.team(s)[1])

@@ -13,14 +13,15 @@ from colift.onboard.learning import residual_model
 from colift.scenario import Scenario, ScenarioError, experiment, initial_states, random_residuals, team, trajectories
 from tests.support.varied_scenarios import changed
 
-SEEDED = {"rkhs_norm": 1.7, "num_centers": 6, "center_std": 0.0}
+SEEDED = {"rkhs_norm": 1.7}
+FEW = {"num_centers": 6, "center_std": 0.0}
 
 
 def drawn(**sections: object) -> tuple[residual_model.ResidualModel, ResidualForces, Scenario]:
     """The functions of `certified` with few kernels on the reference."""
     s = changed("certified", **({"random_residual": SEEDED} | sections))
     truth, _ = team.team(s)
-    found = random_residuals.sample_residuals(s, truth, initial_team())
+    found = random_residuals.sample_residuals(s, truth, initial_team(), **FEW)
     assert found is not None
     return *found, s
 
@@ -46,9 +47,9 @@ def correlations(X: np.ndarray, Z: np.ndarray, ls: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("spread", [0.0, 0.3])
 def test_every_output_has_the_stated_norm(spread):
     """Every output of every body has exactly the stated norm."""
-    s = changed("certified", random_residual=SEEDED | {"center_std": spread})
+    s = changed("certified", random_residual=SEEDED)
     truth, _ = team.team(s)
-    found = random_residuals.sample_residuals(s, truth, initial_team())
+    found = random_residuals.sample_residuals(s, truth, initial_team(), num_centers=6, center_std=spread)
     assert found is not None
     for f, outputs in zip(functions(found[0]), (6, 9, 9), strict=True):
         assert int(f.num_points) == 6
@@ -86,16 +87,13 @@ def test_kernel_centers_are_on_the_reference():
         np.testing.assert_allclose(x[:, 9:12], np.asarray(initial_team().agents[0].x)[j] + shift, atol=1e-12)
         np.testing.assert_allclose(x[:, 18:21], payload[:, 3:6], atol=1e-12)
         np.testing.assert_allclose(x[:, 12:15], np.tile(initial_team().agents[0].r[j], (6, 1)), atol=1e-12)
-    scattered = random_residuals.sample_residuals(
-        changed("certified", random_residual=SEEDED | {"center_std": 0.5}), team.team(s)[0], initial_team()
-    )
+    scattered = random_residuals.sample_residuals(s, team.team(s)[0], initial_team(), num_centers=6, center_std=0.5)
     assert scattered is not None
     off = (np.asarray(scattered[0].payload.X)[:6] - payload) / np.asarray(model.payload.hyper.lengthscales)[0]
     assert 0.3 < off.std() < 0.7  # of 120 values with standard deviation 0.5
 
 
-def test_std_along_the_reference_and_rig_error():
-    """Standard deviations are those along the reference, and the rig's error is its share of them."""
+def test_deviations_are_those_along_the_reference():
     model, deviation, s = drawn()
     t = np.linspace(s.reference.ramp_time_s, s.duration_s, 400)
     A, T, phase = (np.array(x) for x in (s.reference.amplitude_m, s.reference.period_s, s.reference.phase_deg))
@@ -109,6 +107,14 @@ def test_std_along_the_reference_and_rig_error():
     for i in range(6):
         values = float(f.hyper.signal_variance[i]) * correlations(x, X, ls[i]) @ np.asarray(f.alpha)[i, :6]
         np.testing.assert_allclose(stated[i], values.std(), rtol=1e-9)
+
+
+def test_the_world_has_the_residual_and_the_rig_s_errors():
+    s = scenario.load_scenario("certified")
+    found = random_residuals.sample_residuals(s, team.team(s)[0], initial_team())
+    assert found is not None
+    model, deviation = found
+    assert int(model.payload.num_points) == 30
     c3 = experiment.make_experiment(s, "C3")
     (rig,) = c3.world.sensor_models
     jax.tree.map(lambda e, of: np.testing.assert_allclose(e, 0.1 * of), rig.label_error, deviation)
@@ -125,9 +131,8 @@ def test_missing_section_or_norm():
     truth, _ = team.team(s)
     assert random_residuals.sample_residuals(s, truth, initial_team()) is None
     assert experiment.make_experiment(s, "C1").world.disturbances.state_functions == ()
-    for bad in ({"rkhs_norm": 0}, {"rkhs_norm": 1, "num_centers": 0}, {"rkhs_norm": 1, "center_std": -0.1}):
-        with pytest.raises(ScenarioError):
-            changed("certified", random_residual=bad)
+    with pytest.raises(ScenarioError):
+        changed("certified", random_residual={"rkhs_norm": 0})
 
 
 means = jax.jit(jax.vmap(gp.mean, (None, 0)))

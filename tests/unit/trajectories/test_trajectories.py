@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from colift.math import so3
-from colift.trajectories import base, departure, lissajous, minimum_snap
+from colift.trajectories import base, departure, lissajous, minimum_snap, pose_spline
 
 at = jax.jit(lambda path, t: path.evaluate(t))
 pulse = jax.jit(base.smooth_pulse)
@@ -40,12 +40,12 @@ def rotating_path(seed: int) -> lissajous.Lissajous:
     return dataclasses.replace(random_path(seed), R=turned, rotation_amplitude=jnp.array(rng.uniform(-1, 1, 3)))
 
 
-def random_waypoints(seed: int) -> tuple[minimum_snap.MinimumSnapTrajectory, np.ndarray, np.ndarray]:
-    """A path through random poses, with times and poses."""
+def random_waypoints(seed: int) -> tuple[pose_spline.PoseSpline, np.ndarray, np.ndarray, np.ndarray]:
+    """A path through random poses, with times, the positions and the attitudes."""
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.3, 2, rng.integers(2, 6)))
-    p, theta = rng.normal(size=(len(t), 3)), 0.5 * rng.normal(size=(len(t), 3))
-    return minimum_snap.minimum_snap(t, p, theta), t, np.concatenate([p, theta], axis=1)
+    p, R = rng.normal(size=(len(t), 3)), Rotation.from_rotvec(0.5 * rng.normal(size=(len(t), 3))).as_matrix()
+    return minimum_snap.minimum_snap(t, p, R), t, p, R
 
 
 def values(path: lissajous.Lissajous, t: float) -> np.ndarray:
@@ -84,30 +84,31 @@ def test_attitude_rate_is_the_stated_body_rate(path):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_waypoints_are_reached_at_their_times(seed):
-    path, t, poses = random_waypoints(seed)
-    for k, (when, pose) in enumerate(zip(t, poses, strict=True)):
+    path, t, p, R = random_waypoints(seed)
+    for k, when in enumerate(t):
         d = at(path, jnp.array(when))
-        np.testing.assert_allclose(d.p, pose[:3], atol=1e-9)
-        np.testing.assert_allclose(d.R, Rotation.from_rotvec(pose[3:]).as_matrix(), atol=1e-9)
+        np.testing.assert_allclose(d.p, p[k], atol=1e-9)
+        np.testing.assert_allclose(d.R, R[k], atol=1e-9)
         if k in (0, len(t) - 1):
             for still in (d.v, d.a, d.j, d.omega, d.omega_dot):
                 np.testing.assert_allclose(still, 0, atol=1e-6)
-    for outside, pose in ((t[0] - 1, poses[0]), (t[-1] + 1, poses[-1])):
+    for outside, k in ((t[0] - 1, 0), (t[-1] + 1, -1)):
         d = at(path, jnp.array(outside))
-        np.testing.assert_allclose(d.p, pose[:3], atol=1e-9)
+        np.testing.assert_allclose(d.p, p[k], atol=1e-9)
+        np.testing.assert_allclose(d.R, R[k], atol=1e-9)
         np.testing.assert_allclose(d.v, 0, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_snap_is_minimal(seed):
     """The snap is orthogonal to that of every curve that is zero at the poses and at rest at both ends: Gauss' rule."""
-    path, t, _ = random_waypoints(seed)
+    path, t, *_ = random_waypoints(seed)
     rng = np.random.default_rng(seed)
-    knots, c = np.asarray(path.knots), np.asarray(path.coefficients)
+    knots, c = np.asarray(path.position.knots), np.asarray(path.position.coefficients)
     nodes, weights = np.polynomial.legendre.leggauss(12)
     roots = np.repeat(t, np.where(np.isin(t, t[[0, -1]]), 4, 1))  # four times at the ends: three derivatives vanish
     bump = np.polynomial.Polynomial.fromroots(roots) * np.polynomial.Polynomial(rng.normal(size=3))
-    product, sizes = np.zeros(6), np.zeros(6)
+    product, sizes = np.zeros(3), np.zeros(3)
     for i in range(len(c)):
         s = (nodes + 1) / 2 * (knots[i + 1] - knots[i])
         snap = np.stack([np.polynomial.Polynomial(column).deriv(4)(s) for column in c[i].T])
@@ -122,7 +123,7 @@ def test_snap_is_minimal(seed):
 )
 def test_invalid_times_are_refused(t, message):
     with pytest.raises(ValueError, match=message):
-        minimum_snap.minimum_snap(np.array(t), np.zeros((len(t), 3)), np.zeros((len(t), 3)))
+        minimum_snap.minimum_snap(np.array(t), np.zeros((len(t), 3)), np.tile(np.eye(3), (len(t), 1, 1)))
 
 
 @given(seed=st.integers(0, 10**6))

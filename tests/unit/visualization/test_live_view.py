@@ -6,12 +6,16 @@ import base64
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
+import time
 import urllib.error
+import urllib.parse
 import urllib.request
 from collections.abc import Iterator
 from typing import Any
@@ -80,8 +84,8 @@ def test_stream_has_every_frame_once(live_flight):
 
 
 def test_server_accepts_local_connections_only(live_flight):
-    port = int(live_flight["address"].rstrip("/").rpartition(":")[2])
-    assert live_flight["address"] == f"http://127.0.0.1:{port}/"
+    port = urllib.parse.urlsplit(live_flight["address"]).port
+    assert re.fullmatch(rf"http://127\.0\.0\.1:{port}/[\w-]{{20,}}/", live_flight["address"])
     listening = []
     for table, here in (("tcp", "0100007F"), ("tcp6", None)):
         with contextlib.suppress(FileNotFoundError), open(f"/proc/net/{table}") as lines:  # noqa: PTH123
@@ -96,14 +100,81 @@ def _other_address() -> str:
     return "127.0.0.2" if sys.platform == "linux" else "::1"
 
 
-@pytest.mark.parametrize(("path", "host", "status"), [("", "evil.example", 403), ("secrets", None, 404)])
-def test_other_paths_and_host_names_are_refused(live_flight, path, host, status):
-    """Other paths and other host names are refused."""
-    request = urllib.request.Request(live_flight["address"] + path, headers={"Host": host} if host else {})
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        ("", {"Host": "evil.example"}, 403),
+        ("", {"Origin": "http://evil.example"}, 403),
+        ("events", {"Origin": "null"}, 403),
+        ("secrets", {}, 404),
+        ("../", {}, 404),
+        ("../events", {}, 404),
+    ],
+)
+def test_other_paths_hosts_and_origins_are_refused(live_flight, path, headers, status):
+    """Without the token in the address, neither the page nor the events are available."""
+    request = urllib.request.Request(urllib.parse.urljoin(live_flight["address"], path), headers=headers)
     with pytest.raises(urllib.error.HTTPError) as refused:
         urllib.request.urlopen(request, timeout=10)
     assert refused.value.code == status
     refused.value.close()
+
+
+def connect(live_flight) -> socket.socket:
+    parts = urllib.parse.urlsplit(live_flight["address"])
+    return socket.create_connection((parts.hostname, parts.port), timeout=10)
+
+
+@pytest.fixture
+def short_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fifth of a second in place of five."""
+    monkeypatch.setattr(live_view, "REQUEST_TIMEOUT", 0.2)
+
+
+@pytest.mark.parametrize("pause", [0.02, 10.0])
+def test_an_incomplete_request_is_closed(live_flight, short_timeout, pause):
+    """Neither a connection without data nor one that sends single bytes stays open."""
+    with connect(live_flight) as connection:
+        connection.settimeout(pause)
+        began = time.monotonic()
+        while time.monotonic() - began < 5:
+            try:
+                connection.sendall(b"G")
+                if not connection.recv(1):
+                    break
+            except TimeoutError:
+                continue
+            except ConnectionError:
+                break
+        assert time.monotonic() - began < 4
+
+
+def test_the_number_of_connections_is_limited(live_flight):
+    with contextlib.ExitStack() as stack:
+        for _ in range(live_view.MAX_CONNECTIONS):
+            stack.enter_context(connect(live_flight))
+        time.sleep(0.3)
+        with pytest.raises((urllib.error.URLError, ConnectionError)):
+            urllib.request.urlopen(live_flight["address"], timeout=10)
+    deadline = time.monotonic() + 10
+    while True:  # the page is available again when connections have ended
+        try:
+            urllib.request.urlopen(live_flight["address"], timeout=10).close()
+            break
+        except (urllib.error.URLError, ConnectionError):
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+
+
+def test_a_reader_that_leaves_is_no_error(live_flight, capfd):
+    parts = urllib.parse.urlsplit(live_flight["address"])
+    for path in (parts.path, f"{parts.path}events"):
+        with connect(live_flight) as connection:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # reset at the end
+            connection.sendall(f"GET {path} HTTP/1.1\r\nHost: {parts.netloc}\r\n\r\n".encode())
+            connection.recv(10)
+    time.sleep(0.3)
+    assert "Traceback" not in capfd.readouterr().err
 
 
 @pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")

@@ -26,26 +26,29 @@ from tests.support import random_logs as flights
 SUMMARY = {
     "scenario": "sample",
     "seed": 1,
-    "version": "0.1.0",
-    "settings": "abc",
+    "schema": 2,
+    "version": "0.2.0",
+    "settings_digest": "abc",
     "plant": "rigid",
     "run": flights.RUN,
     "command": "colift study 'my team.yaml' --seed 1",
     "versions": {"python": "3.11.0", "jax": "0.10.1"},
-    "slowest_mode": {"stable": True, "says": "-0.9 rad/s", "rad_s": []},
-    "margins": {"delay_s": 0.014, "gain": [0.4, 1.5], "says": "delay margin 14 ms"},
+    "slowest_mode": {"stable": True, "description": "-0.9 rad/s", "eigenvalue_radps": []},
+    "stability_margins": {"delay_margin_s": 0.014, "gain_margin": [0.4, 1.5], "description": "delay margin 14 ms"},
     "warnings": [],
-    "bound": {"assumed": []},
+    "error_bound_assumptions": {"unproven_assumptions": []},
 }
 
 
 def metrics(**changed: Any) -> dict[str, Any]:
     """Metrics of a case without problem, as in a summary."""
-    body = {"exceeded_share": {"force": 0.0, "moment": 0.0}}
+    body = {"violation_rate": {"force": 0.0, "moment": 0.0}}
     keys = ("e_p_rms_m", "e_R_rms", "Psi_mean", "delta_W_force_rms_N", "delta_W_moment_rms_Nm", "e_lam_rms_N")
-    numbers = dict.fromkeys((*keys, "sigma_L_force_mean", "sigma_A_force_mean", "lam_max_N", "thrust_max_N"), 0.00123)
+    numbers = dict.fromkeys(
+        (*keys, "sigma_L_force_mean_N", "sigma_A_force_mean_N", "lam_max_N", "thrust_max_N"), 0.00123
+    )
     stated = {"complete": True, "termination_reason": "", "warnings": [], "saturated_ticks": 0}
-    return numbers | stated | {"bound": {"payload": body, "agents": [body]}} | changed
+    return numbers | stated | {"error_bound": {"payload": body, "agents": [body]}} | changed
 
 
 @pytest.fixture
@@ -102,12 +105,17 @@ def test_report_makes_no_request_and_escapes_names(out):
 
 def test_warnings_come_first(out):
     """Warnings come first, beginning with those that invalidate a result."""
-    broken = {"exceeded_share": {"force": 0.25, "moment": 0.0}}
+    broken = {"violation_rate": {"force": 0.25, "moment": 0.0}}
     fallen = metrics(
         complete=False, termination_reason="beyond limits", saturated_ticks=7, warnings=["the step is too long"]
     )
-    fallen["bound"] = {"payload": broken, "agents": []}
-    written(out, {"C1": metrics(), "C3": fallen}, warnings=["unstable at rest"], bound={"assumed": ["norm"]})
+    fallen["error_bound"] = {"payload": broken, "agents": []}
+    written(
+        out,
+        {"C1": metrics(), "C3": fallen},
+        warnings=["unstable at rest"],
+        error_bound_assumptions={"unproven_assumptions": ["norm"]},
+    )
     text = made(out)
     listed = re.search(r'<ul id="warnings">(.*?)</ul>', text, re.DOTALL)
     assert listed
@@ -124,22 +132,24 @@ def test_warnings_come_first(out):
 def test_only_the_certificate_of_the_run_is_included(out):
     """A certificate of the same run is included, and one of another run is not."""
     errors = ("e_p", "e_v", "e_R", "e_omega")
-    radii = {"run": dict.fromkeys(errors, 2e-3), "tube": dict.fromkeys(errors)}
-    radii |= {"tightness": {where: dict.fromkeys(errors, 1.5) for where in ("run", "tube")}}
+    bounds = {"a_posteriori": dict.fromkeys(errors, 2e-3), "a_priori": dict.fromkeys(errors)}
+    bounds |= {"bound_over_observed": {kind: dict.fromkeys(errors, 1.5) for kind in bounds}}
     certified = {
+        "schema": 2,
         "scenario": "sample",
         "seed": 1,
         "run": flights.RUN,
         "window_s": [0.5, 1.5],
-        "exceeded": [
-            {"flight": "this", "bound": "energy", "kind": "run", "error": "e_p", "observed": 3e-3, "radius": 2e-3}
+        "violations": [
+            {"run": "simulation", "error": "e_p", "prediction_bound": "energy", "kind": "a_posteriori"}
+            | {"observed": 3e-3, "ultimate_bound": 2e-3}
         ],
         "observed": dict.fromkeys(errors, 3e-3),
-        "floor": dict.fromkeys(errors, 1e-3),
-        "beyond_first_order": dict.fromkeys(errors, 1e-5),
-        "radii": {"energy": radii | {"assumed": ["first order"], "status": "assumed"}},
-        "left_out": {},
-        "no_tube": "contraction 2",
+        "nominal_error": dict.fromkeys(errors, 1e-3),
+        "linearization_error": dict.fromkeys(errors, 1e-5),
+        "ultimate_bounds": {"energy": bounds | {"unproven_assumptions": ["first order"], "status": "assumed"}},
+        "unavailable_bounds": {},
+        "tube_failure": "contraction 2",
     }
     (out / "certificate.json").write_text(json.dumps(certified | {"run": "colift-run-ba9876543210"}))
     assert "Certificate" not in made(out)

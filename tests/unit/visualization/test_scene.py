@@ -33,9 +33,11 @@ def test_positions_equal_the_kinematics():
     truth, _ = team.team(PAPER)
     z = initial_states.initial_state(PAPER, truth)
     (state,) = z.agents
-    ds = random_log()
-    for name, x in {"R": state.R, "x": state.x, "r": state.r.ravel(), "p": z.payload.p, "R_L": z.payload.R}.items():
-        ds[name][:] = np.asarray(x)
+    still = {"R": state.R, "x": state.x, "r": state.r.ravel(), "p": z.payload.p, "R_L": z.payload.R}
+    ticks = flights.PAPER.time
+    still = {name: np.repeat(np.asarray(x)[None], ticks, axis=0) for name, x in still.items()}
+    rows = flights.rows(np.random.default_rng(8), flights.PAPER, **still)
+    ds = played.labelled(rows, flights.sigma(np.random.default_rng(8), flights.PAPER), PAPER)
     shown = scene.frames(ds, truth)
     nodes = shown["nodes"][-1].reshape(2, 6, 3)  # base, waist, left, right, two tips
     for j in range(2):

@@ -11,6 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
+from colift.closed_loop import log
 from colift.visualization import axes, study_figures, style, uncertainty_figures
 from tests.support import random_logs as flights
 from tests.support.study_logs import CASES, RIVALS, TOLD
@@ -44,7 +45,7 @@ def terminate(ds, ticks):
     """Return a flight that ended early with a last step that is not finite."""
     early = ds.isel(time=slice(ticks), time_sigma=slice(-(-ticks // 5))).copy(deep=True)
     early.e_p[-1], early.lam[-1] = np.nan, np.nan
-    early.delta_W[-1] = np.inf
+    early.delta_W_force[-1] = early.delta_W_moment[-1] = np.inf
     return early.assign_attrs(complete=0, termination_reason="signal e_p is not finite")
 
 
@@ -182,6 +183,16 @@ def test_figure_1_draws_the_errors_of_every_case(cases, name):
     assert {top.get_yscale(), bottom.get_yscale()} == {"log"}
 
 
+def test_numerical_zeros_do_not_widen_a_log_axis():
+    ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=300))
+    ds.Psi[:] = np.where(np.arange(300) % 100 < 50, 1e-21, 1e-3)
+    ds.e_p[:] = 1e-2
+    ds.e_p[100] = 1e-9  # a zero crossing
+    position, attitude = study_figures.plot_tracking_error({"C3": ds}, TOLD).axes
+    assert 1e-3 < position.get_ylim()[0] < 1.7e-2 < position.get_ylim()[1]
+    assert attitude.get_ylim()[0] == pytest.approx(1e-3 * 10.0**-axes.MAX_DECADES)
+
+
 def test_fast_logs_are_decimated_to_10_ms(cases):
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=300))
     (line,) = curves_of(study_figures.plot_tracking_error({"C3": ds}, TOLD).axes[0], "C3")
@@ -193,11 +204,10 @@ def test_figure_2_draws_the_rms_mismatch(cases):
     """Figure 2 draws the RMS of the mismatch over the window that its label states."""
     ds = flights.dataset(np.random.default_rng(5), flights.PAPER._replace(time=500))
     figure = study_figures.plot_wrench_mismatch({"C3": ds}, TOLD)
-    parts = (["F_x", "F_y", "F_z"], ["tau_x", "tau_y", "tau_z"])
-    for ax, part in zip(figure.axes, parts, strict=True):
+    for ax, part in zip(figure.axes, (ds.delta_W_force, ds.delta_W_moment), strict=True):
         assert f"({axes.SMOOTHING_WINDOW} s RMS)" in ax.get_ylabel()
         (line,) = curves_of(ax, "C3")
-        power = (ds.delta_W.sel(wrench=part) ** 2).sum("wrench").values
+        power = (part**2).sum("axis").values
         for t, y in list(zip(line.get_xdata(), line.get_ydata(), strict=True))[15:-15:7]:
             near = np.abs(ds.time.values - t + 0.001) < axes.SMOOTHING_WINDOW / 2  # 100 ticks about t
             assert near.sum() == 100
@@ -209,8 +219,8 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
     panels = np.array(figure.axes).reshape(3, 3)
     for (i, agent), (k, name) in itertools.product(enumerate(cases["C1"].agent.values), enumerate(CASES)):
         ds, ax = cases[name], panels[i, k]
-        below = [line for line in ax.lines if line.get_color() == study_figures.TRUE_ERROR_STYLE["color"]]
-        above = [line for line in ax.lines if line.get_color() != study_figures.TRUE_ERROR_STYLE["color"]]
+        below = [line for line in ax.lines if line.get_color() == study_figures.TRUE_VALUE_STYLE["color"]]
+        above = [line for line in ax.lines if line.get_color() != study_figures.TRUE_VALUE_STYLE["color"]]
         assert max(line.get_zorder() for line in below) < min(line.get_zorder() for line in above)
         assert min(line.get_linewidth() for line in below) > 2 * max(line.get_linewidth() for line in above)
         truths, means = [line.get_ydata() for line in below], [line.get_ydata() for line in above]
@@ -251,17 +261,20 @@ def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
     rng, ds = np.random.default_rng(4), cases["C3"]
     attributes = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
     with_labels = ds.assign(
-        innovation_L=(("time", "wrench"), rng.normal(size=(ds.sizes["time"], 6))),
+        innovation_L_force=(ds.p.dims, rng.normal(size=ds.p.shape)),
         innovation_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
-        model_gain_L=(("time", "wrench"), rng.uniform(size=(ds.sizes["time"], 6))),
+        model_gain_L_force=(ds.p.dims, rng.uniform(size=ds.p.shape)),
+        model_gain_L_moment=(ds.p.dims, rng.uniform(size=ds.p.shape)),
         correction_weight=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
     ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
     figure = study_figures.plot_online_correction({"C3": with_labels}, TOLD)
     error, payload, agents, used, points = figure.axes
-    np.testing.assert_allclose(used.lines[0].get_ydata(), np.mean(with_labels.model_gain_L, axis=1), rtol=1e-14)
+    np.testing.assert_allclose(
+        used.lines[0].get_ydata(), log.stack_parts(with_labels, "model_gain_L").mean("component"), rtol=1e-14
+    )
     np.testing.assert_array_equal(used.lines[1].get_ydata(), with_labels.correction_weight)
     np.testing.assert_allclose(
-        payload.lines[0].get_ydata(), np.linalg.norm(with_labels.innovation_L[:, :3], axis=1), rtol=1e-14
+        payload.lines[0].get_ydata(), np.linalg.norm(with_labels.innovation_L_force, axis=1), rtol=1e-14
     )
     for line, name in zip(agents.lines, with_labels.agent.values, strict=False):
         np.testing.assert_allclose(
@@ -345,6 +358,14 @@ def test_continued_learning_has_no_end_marker(cases):
     alone = study_figures.plot_tracking_error({"adaptive": on}, TOLD)
     assert sorted(marks(alone)) == [2.5, 6.0, 12.0]
     assert not alone.axes[0].texts
+
+
+def test_an_end_of_learning_after_the_flight_is_not_drawn(cases):
+    """The label of a time outside of the axis would leave the figure without room for its axes."""
+    short = {"C3": cases["C3"].assign_attrs(T_end_s=100.0)}
+    figure = study_figures.plot_tracking_error(short, TOLD)
+    assert not any("end" in text.get_text() for text in figure.axes[0].texts)
+    assert figure._repr_png_().startswith(b"\x89PNG")
 
 
 def test_terminated_flight_ends_in_a_cross(cases):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from colift.closed_loop import log
 from colift.visualization import uncertainty_figures
 from tests.support import random_logs as flights
 from tests.support.study_logs import CASES, TOLD
@@ -15,7 +16,7 @@ def error_norms(ds, names):
     load, f_x, f_w, f_r = names
     found = [[np.linalg.norm(load[:, :3], axis=1)], [np.linalg.norm(load[:, 3:], axis=1)], [], []]
     for agent in ds.agent.values:
-        joints = [joint for joint in ds.joint.values if joint.startswith(f"{agent}/")]
+        joints = [joint for joint in f_r.joint.values if joint.startswith(f"{agent}/")]
         found[2].append(np.linalg.norm(f_x.sel(agent=agent), axis=1))
         found[3].append(
             np.sqrt(((f_w.sel(agent=agent) ** 2).sum("axis") + (f_r.sel(joint=joints) ** 2).sum("joint")).values)
@@ -25,7 +26,10 @@ def error_norms(ds, names):
 
 def errors(ds):
     at = np.searchsorted(ds.time, ds.time_sigma)
-    return error_norms(ds, [(ds[f] - ds[f"{f}_hat"])[at] for f in ("f_L", "f_x", "f_w", "f_r")])
+    pairs = [(ds[f], ds[f"{f}_hat"]) for f in ("f_x", "f_w")]
+    pairs.insert(0, (log.stack_parts(ds, "f_L"), log.stack_parts(ds, "f_L_hat")))
+    pairs.append((log.all_joints(ds, "f_r"), log.all_joints(ds, "f_r_hat")))
+    return error_norms(ds, [(exact - predicted)[at] for exact, predicted in pairs])
 
 
 def test_figure_3_draws_errors_and_std(cases):
@@ -35,8 +39,10 @@ def test_figure_3_draws_errors_and_std(cases):
     assert [ax.get_ylabel().split("[")[1] for ax in panels[:, 0]] == ["N]", "N m]", "N]", "N m]"]
     for k, name in enumerate(CASES):
         ds = cases[name]
-        moments = [np.hypot(ds[f"sigma_{f}"], ds[f"label_bias_std_{f}"]) for f in ("f_w", "f_r")]
-        sigmas, true = error_norms(ds, [ds.predictive_std_f_L, ds.predictive_std_f_x, *moments]), errors(ds)
+        torque = np.hypot(ds.sigma_f_w, ds.label_bias_std_f_w)
+        joint = np.hypot(log.all_joints(ds, "sigma_f_r"), log.all_joints(ds, "label_bias_std_f_r"))
+        payload = log.stack_parts(ds, "predictive_std_f_L")
+        sigmas, true = error_norms(ds, [payload, ds.predictive_std_f_x, torque, joint]), errors(ds)
         for ax, sigma, error in zip(panels[:, k], sigmas, true, strict=True):
             assert len(ax.lines) == 2 * len(sigma)
             for n, (expected, flown) in enumerate(zip(sigma, error, strict=True)):

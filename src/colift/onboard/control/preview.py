@@ -27,6 +27,12 @@ from colift.onboard.control.redundancy import motion_with_tip_constraint
 from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
 from colift.onboard.control.tracking import AccelerationCommand
 
+PREVIEW_STEP = 0.03
+"""Default interval between two times of the preview [s].
+
+The five times then extend over one time constant of the agents' attitude loop to either side, ``2 * 0.03 s = 0.06 s =
+1 / sqrt(k_R)`` with ``k_R = 250 / s^2``. Shorter steps cause rounding errors; longer ones make the quartic inaccurate.
+"""
 PREVIEW_NODES = np.arange(-2.0, 3.0)
 """Times of the preview relative to the current one, in steps of the preview."""
 PREVIEW_BASIS = [

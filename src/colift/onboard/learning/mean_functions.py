@@ -11,7 +11,7 @@ See Also:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -20,8 +20,12 @@ from colift.math import so3
 from colift.math.pytree import pytree
 
 
+@runtime_checkable
 class MeanFunction(Protocol):
-    """Protocol of the mean functions of a residual model."""
+    """Protocol of the mean functions of a residual model.
+
+    Implementations: ``BasisMean`` and ``DragThrustMean``.
+    """
 
     def payload_mean(self, x: Float[Array, "inputs"]) -> Float[Array, "6"]:
         """Return the mean force [N, world frame] and moment [N m, payload frame] at a payload input."""

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 from colift import gp
 from colift.onboard.learning.features import BodyKey, compute_features
 from colift.onboard.learning.identification import inertial_regressor, payload_state_from_input
-from colift.onboard.learning.mean_functions import BasisMean, DragThrustMean
+from colift.onboard.learning.mean_functions import MeanFunction
 from colift.onboard.learning.recorder import RecorderState
 from colift.onboard.learning.residual_model import ResidualModel, get_model, predict_padded, replace_models
 from colift.runtime import signals
@@ -216,7 +216,7 @@ def regression_targets(
 
 @jax.jit
 def _parametric_prediction(
-    theta: Float[Array, "10"], mean_function: BasisMean | DragThrustMean | None, recorder_state: RecorderState
+    theta: Float[Array, "10"], mean_function: MeanFunction | None, recorder_state: RecorderState
 ) -> tuple[Float[Array, "rows 6"], tuple[Float[Array, "_agents _rows _outputs"] | None, ...]]:
     """Predict the labels of all samples without the GPs: inertial wrench plus mean function."""
     payload = jax.vmap(_inertial_wrench, (0, None))(recorder_state.payload.X, theta)

@@ -42,7 +42,8 @@ class OnlineUpdateOptions:
     Attributes:
         times: Update times [s].
         nis_threshold: Factor by which the mean normalized innovation squared (NIS) of a body must exceed its usual
-            value for a change to be declared.
+            value for a change to be declared. The factor is relative because absolute thresholds miss changes of some
+            bodies or detect false ones (docs/decisions/0060).
         transient_time: Time after the first sample above the threshold for which samples are discarded [s].
         min_samples: Number of samples since a change point that a new model requires.
         forgetting_time: Age at which the noise variance of a sample is doubled in the sample selection [s].
@@ -50,8 +51,8 @@ class OnlineUpdateOptions:
     """
 
     times: tuple[float, ...]
-    nis_threshold: float
     mean_prior: semiparametric.MeanPrior
+    nis_threshold: float = 3.0
     transient_time: float = 0.5
     min_samples: int = 150
     forgetting_time: float = 20.0

@@ -206,9 +206,12 @@ class InnovationFilter:
 
     Attributes:
         filters: Corner frequencies of the label filters.
-        hold_time: Time without labels after which they count as unavailable [s].
+        hold_time: Time without labels after which they count as unavailable [s]. The default is about five delays of
+            labels that are filtered at 8 Hz; shorter gaps are bridged without a decay.
         decay_time: Time constant of the decay when labels are unavailable [s]; infinite to hold the correction.
-        averaging_time: Time constant of all running moments [s]; those of ``w`` use ten times this value.
+        averaging_time: Time constant of all running moments [s]; those of ``w`` use ten times this value. The default
+            is about ten label delays, so that moments average the noise, and a tenth of a lap, so that they follow the
+            residual along the path.
         variance_ratio: Ratio ``n``. Model changes whose variance is below ``v / n`` leave ``alpha`` near 1; label rates
             with predicted changes below this variance are not extrapolated.
         coherence: Confirmed share of the squared rate at which ``w`` reaches 1; in [0, 1].
@@ -216,7 +219,7 @@ class InnovationFilter:
     Example:
         ::
 
-            innovation_filter = InnovationFilter(filters=filters, hold_time=jnp.array(0.1), ...)
+            innovation_filter = InnovationFilter(filters=filters, hold_time=jnp.array(0.1))
             state = innovation_filter.init(team)
             state, innovation = innovation_filter.update(state, team, model, estimate, clock)
 
@@ -225,8 +228,8 @@ class InnovationFilter:
     """
 
     filters: FilterBandwidths
-    hold_time: Scalar
-    averaging_time: Scalar
+    hold_time: Scalar = constant(0.2)
+    averaging_time: Scalar = constant(0.5)
     decay_time: Scalar = constant(0.3)
     variance_ratio: Scalar = constant(10.0)
     coherence: Scalar = constant(0.2)

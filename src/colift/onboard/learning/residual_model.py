@@ -34,7 +34,7 @@ from colift.models.state import (
 )
 from colift.onboard.learning.features import BodyKey, DefaultFeatures, Features
 from colift.onboard.learning.identification import inertial_regressor
-from colift.onboard.learning.mean_functions import BasisMean, DragThrustMean
+from colift.onboard.learning.mean_functions import MeanFunction
 
 
 @pytree
@@ -57,7 +57,7 @@ class ResidualModel:
     payload: gp.GPPosterior
     agents: tuple[gp.GPPosterior, ...]
     inertial_parameters: Float[Array, "10"]
-    mean_function: BasisMean | DragThrustMean | None = None
+    mean_function: MeanFunction | None = None
     update_index: Int[Array, ""] = dataclasses.field(default_factory=lambda: jnp.zeros((), int))
 
 

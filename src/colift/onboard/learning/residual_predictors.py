@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.filters import smoothing_factor
-from colift.math.pytree import pytree
+from colift.math.pytree import constant, pytree
 from colift.models import inverse_dynamics
 from colift.models.parameters import Team
 from colift.models.state import ResidualForces, State, add_payload_wrench
@@ -29,6 +29,8 @@ from colift.onboard.interfaces import ControlContext, ResidualPredictor
 from colift.onboard.learning import residual_model
 
 Scalar = Float[Array, ""]
+DEFAULT_LEAD_TIME = 0.02
+"""Default lead time of a correction whose extrapolation gain is 1 [s]."""
 
 
 @pytree
@@ -126,13 +128,14 @@ class InnovationCorrection:
 
     Attributes:
         base: Predictor that is corrected.
-        lead_time: Lead time ``T_lead`` that compensates the label delay [s].
+        lead_time: Lead time ``T_lead`` that compensates the label delay [s]. The default is about half the delay of
+            labels that are filtered at 8 Hz: with a constant gain ``w = 1``, longer lead times amplify label noise.
         rate_attenuation: Share ``a`` of the label rate that is used for each agent, by group, in [0, 1]. It limits the
             label loop gain (`colift.onboard.control.label_feedback`).
     """
 
     base: ResidualPredictor
-    lead_time: Scalar
+    lead_time: Scalar = constant(DEFAULT_LEAD_TIME)
     rate_attenuation: tuple[Float[Array, "agents"], ...]
 
     def init(self, team: Team) -> Any:

@@ -14,7 +14,7 @@ from colift.scenario.schema.base import (
     Section,
     Vector,
 )
-from colift.scenario.schema.certificate import AgentLabelError, Certificate, LabelError, TerminationLimits
+from colift.scenario.schema.certificate import Certificate, TerminationLimits
 from colift.scenario.schema.control import (
     Control,
     ControllerPlugins,
@@ -36,10 +36,11 @@ from colift.scenario.schema.disturbances import (
     Wind,
     WindTurn,
 )
-from colift.scenario.schema.learning import AgentGPPrior, BaselineTuning, GPPrior, Learning, OnlineCorrection
+from colift.scenario.schema.learning import AgentGPPrior, BaselineTuning, GPPrior, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics, Rotors
 from colift.scenario.schema.scenario import Scenario
 from colift.scenario.schema.sensors import BiasRandomWalk, Intermittent, Reading, Readings, Sensors
+from colift.scenario.schema.shared import AgentForceMagnitudes, ForceMagnitudes
 from colift.scenario.schema.team import (
     ActuatorLag,
     Agent,
@@ -55,7 +56,7 @@ from colift.scenario.schema.team import (
     Prismatic,
     Revolute,
 )
-from colift.scenario.schema.trajectories import Lissajous, PathDeparture, Pose, Waypoints
+from colift.scenario.schema.trajectories import Lissajous, PathDeparture, Pose, Sampled, Waypoints
 
 __all__ = [
     "NAME",
@@ -63,8 +64,8 @@ __all__ = [
     "ZERO",
     "ActuatorLag",
     "Agent",
+    "AgentForceMagnitudes",
     "AgentGPPrior",
-    "AgentLabelError",
     "AgentType",
     "Arm",
     "BaselineTuning",
@@ -75,6 +76,7 @@ __all__ = [
     "Control",
     "ControllerPlugins",
     "Disturbance",
+    "ForceMagnitudes",
     "GPPrior",
     "GaussianJet",
     "Gust",
@@ -85,7 +87,6 @@ __all__ = [
     "InternalForces",
     "Joint",
     "JointFriction",
-    "LabelError",
     "LaggedMotors",
     "LeaderFollowerAllocation",
     "Learning",
@@ -95,7 +96,6 @@ __all__ = [
     "Name",
     "NominalAgentType",
     "NominalModel",
-    "OnlineCorrection",
     "PathDeparture",
     "Payload",
     "PayloadMassStep",
@@ -115,6 +115,7 @@ __all__ = [
     "Row",
     "Rows",
     "S",
+    "Sampled",
     "Scenario",
     "Section",
     "Sensors",

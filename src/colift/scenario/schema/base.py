@@ -73,6 +73,12 @@ def _nonzero(axis: fields.Axis) -> fields.Axis:
     return axis
 
 
+def _ascending(limits: tuple[float, float] | None) -> tuple[float, float] | None:
+    if limits is not None and limits[0] > limits[1]:
+        raise ValueError(f"must ascend: the smallest position first, got {list(limits)}")
+    return limits
+
+
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
 PART = r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*"
 Name = Annotated[str, Field(strict=True, pattern=NAME, max_length=100)]

@@ -15,6 +15,7 @@ from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.fields import unit
 from colift.scenario.schema.base import PluginReference, Section
+from colift.scenario.schema.shared import Interval, Ramp
 
 
 class ControllerPlugins(Section):
@@ -63,15 +64,9 @@ class Control(Section):
     """Time step of the preview of the reference, which yields a feedforward of angular velocities; default: none."""
 
 
-class InternalForces(Section):
-    """Schedule of internal forces, which do not change the wrench on the payload."""
+class InternalForces(Ramp, Interval):
+    """Internal forces from the start of their rise to the end of their decay; they apply no wrench to the payload."""
 
-    start_s: fields.Time
-    """Start of the rise."""
-    end_s: fields.Span
-    """End of the decay."""
-    ramp_time_s: fields.Span
-    """Duration of the rise and of the decay."""
     squeeze_pairs: Annotated[tuple[tuple[str, str, fields.Newton], ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Entries `[contact a, contact b, N]`: force that presses a and b together along their line; negative: apart."""
 

@@ -13,14 +13,13 @@ from pydantic import (
 
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
-from colift.scenario.schema.base import ZERO, Name, Plugin, Section
+from colift.scenario.schema.base import ZERO, Name, Plugin
+from colift.scenario.schema.shared import Centered, Named, Ramp, ResidualNorm, Sinusoid
 
 
-class _Disturbance(Section):
+class _Disturbance(Named):
     """Settings that all disturbances have."""
 
-    name: Name
-    """Name of the disturbance in results."""
     acts_on: Name
     """`payload`, `agents` (all of them), or the name of an agent; some kinds act on agents only."""
 
@@ -34,18 +33,30 @@ class _PointDisturbance(_Disturbance):
     """Point of application, in the frame of the body."""
 
 
-class ConstantWrench(_PointDisturbance):
-    """A constant force in the world frame and a constant torque in the frame of the body."""
+class _ForceDisturbance(_PointDisturbance):
+    """A force at a point of a body."""
+
+    force_N: fields.Force
+    """Force, world frame."""
+
+
+class _TorqueDisturbance(_PointDisturbance):
+    """A torque on a body."""
+
+    torque_Nm: fields.Moment = ZERO
+    """Torque, frame of the body."""
+
+
+class ConstantWrench(_TorqueDisturbance, _ForceDisturbance):
+    """A constant force and a constant torque."""
 
     kind: Literal["constant"]
     """Selects this disturbance."""
     force_N: fields.Force = ZERO
     """Force, world frame."""
-    torque_Nm: fields.Moment = ZERO
-    """Torque, frame of the body."""
 
 
-class Gust(Section):
+class Gust(Sinusoid):
     """A sinusoidal component of a wind field."""
 
     amplitude_mps: fields.Velocity
@@ -58,13 +69,11 @@ class Gust(Section):
     """Time in which the wave travels one wavelength along its wave vector; default: the wave is stationary."""
 
 
-class WindTurn(Section):
+class WindTurn(Ramp):
     """A single change of the direction of the mean wind, about the vertical."""
 
     change_deg: fields.Degrees
     """Angle of the change."""
-    start_s: fields.Time
-    """Start of the change."""
     ramp_time_s: fields.Span = 0.3
     """Duration of the change."""
 
@@ -99,28 +108,22 @@ class Tether(_PointDisturbance):
     """Rest length."""
 
 
-class GaussianJet(_PointDisturbance):
-    """A local air stream: a constant force multiplied by a Gaussian of the distance from a center."""
+class GaussianJet(Centered, _ForceDisturbance):
+    """A local air stream: the constant force `force_N` multiplied by a Gaussian of the distance from a center."""
 
     kind: Literal["jet"]
     """Selects this disturbance."""
-    force_N: fields.Force
-    """Force at the center."""
-    center_m: fields.Position
-    """Center of the stream."""
     std_m: fields.Width
     """Standard deviation of the Gaussian: distance at which the force is 0.61 times that at the center."""
 
 
-class RotorBias(_PointDisturbance):
+class RotorBias(_TorqueDisturbance):
     """A constant error of the thrust and torque of an agent."""
 
     kind: Literal["rotor_bias"]
     """Selects this disturbance."""
     thrust_N: fields.Newton = 0.0
     """Added thrust, along the third axis of the body."""
-    torque_Nm: fields.Moment = ZERO
-    """Added torque, frame of the body."""
 
 
 class JointFriction(_Disturbance):
@@ -144,18 +147,12 @@ PointDisturbance = ConstantWrench | Wind | Tether | GaussianJet | RotorBias | Pl
 Disturbance = Annotated[PointDisturbance | JointFriction, Field(discriminator="kind")]
 
 
-class RandomResidual(Section):
+class RandomResidual(ResidualNorm):
     """Random residual functions from the RKHS of the kernel, with a given norm.
 
     Each output of payload and agents is `sum_k w_k k(z_k, .)` with the kernel k of its prior. The centers z_k are
-    states near the reference, and the normally distributed weights w_k are scaled to the norm.
+    states near the reference, and the normally distributed weights w_k are scaled to the norm, which bounds the values.
     """
 
-    rkhs_norm: fields.Norm
-    """RKHS norm of every output, which bounds its values in signal standard deviations of the prior."""
-    num_centers: fields.Centers = 30
-    """Number of kernel functions in the sum."""
-    center_std: fields.Ratio = 0.2
-    """Standard deviation of the centers about the reference states, in length-scales."""
     min_variation: fields.Fraction = 0.0
     """Smallest half range of every output along the reference, in signal standard deviations."""

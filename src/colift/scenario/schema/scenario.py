@@ -15,23 +15,22 @@ from pydantic import (
 
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES, consistency_errors
-from colift.scenario.schema.base import Name, Plugin, Section
+from colift.scenario.schema.base import Name, Plugin
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
 from colift.scenario.schema.control import Control, ControllerPlugins, LeaderFollowerAllocation, LeastSquaresAllocation
 from colift.scenario.schema.disturbances import Disturbance, RandomResidual
-from colift.scenario.schema.learning import BaselineTuning, Learning, OnlineCorrection
+from colift.scenario.schema.learning import BaselineTuning, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics
 from colift.scenario.schema.sensors import Sensors
+from colift.scenario.schema.shared import Named
 from colift.scenario.schema.team import Agent, AgentType, InitialState, NominalModel, Payload, PayloadMassStep
-from colift.scenario.schema.trajectories import Lissajous, Waypoints
+from colift.scenario.schema.trajectories import Lissajous, Sampled, Waypoints
 from colift.scenario.validation import as_validation_error
 
 
-class Scenario(Section):
+class Scenario(Named):
     """All settings of a simulation: plant, controller, learning and certificate."""
 
-    name: Name
-    """Name of the scenario in results."""
     description: str = ""
     """Description in one sentence."""
     duration_s: fields.Duration
@@ -54,7 +53,7 @@ class Scenario(Section):
     """Nominal parameters that differ from the true ones."""
     initial_state: InitialState = InitialState()
     """Initial state."""
-    reference: Annotated[Lissajous | Waypoints | Plugin, Field(discriminator="kind")]
+    reference: Annotated[Lissajous | Waypoints | Sampled | Plugin, Field(discriminator="kind")]
     """Reference trajectory of the payload; a plugin builds a `colift.trajectories.base.ReferenceTrajectory`."""
     disturbances: Annotated[tuple[Disturbance, ...], Field(max_length=MAX_ENTRIES)] = ()
     """Disturbance forces and torques, unknown to the controller."""
@@ -72,8 +71,6 @@ class Scenario(Section):
     """Allocation of the payload's wrench to contact forces."""
     learning: Learning
     """Data and models."""
-    online_correction: OnlineCorrection = OnlineCorrection()
-    """Correction of predictions by labels, and periodic updates."""
     baselines: BaselineTuning = BaselineTuning()
     """Tuning of the baseline cases."""
     certificate: Certificate = Certificate()

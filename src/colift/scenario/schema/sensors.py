@@ -15,6 +15,7 @@ from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.fields import unit
 from colift.scenario.schema.base import Plugin, Section
+from colift.scenario.schema.shared import Delayed
 
 Reading = Literal[
     "payload.p",
@@ -40,15 +41,13 @@ class _SensorModel(Section):
     """Readings of the payload or of all agents: position p or x, attitude R (perturbed about body axes), and others."""
 
 
-class Intermittent(_SensorModel):
+class Intermittent(Delayed, _SensorModel):
     """Readings with their own rate, delay and dropouts; the last received reading is held."""
 
     kind: Literal["intermittent"]
     """Selects this sensor model."""
     rate_Hz: fields.Rate
     """Sampling rate, at most the control rate."""
-    delay_s: fields.Time = 0.0
-    """Delay, a multiple of the control period."""
     dropout_probability: fields.Fraction = 0.0
     """Probability that a reading is lost."""
     failure_time_s: fields.Time | None = None

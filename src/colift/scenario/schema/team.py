@@ -10,18 +10,18 @@ from typing import Annotated, Literal
 from pydantic import (
     AfterValidator,
     Field,
+    PrivateAttr,
 )
 
 from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
-from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _nonzero
+from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _ascending, _nonzero
+from colift.scenario.schema.shared import Delayed, Located, Mass, Named, Orientation, Ramp
 
 
-class _MassProperties(Section):
+class _MassProperties(Mass):
     """Mass and inertia of a rigid body."""
 
-    mass_kg: fields.Mass
-    """Mass."""
     inertia_kgm2: Inertia
     """Inertia about the center of mass, body frame: 3 principal moments, 6 entries xx yy zz xy xz yz, or 3 rows."""
 
@@ -33,25 +33,31 @@ class Body(_MassProperties):
     """Center of mass, frame of the body."""
 
 
-class _Joint(Section):
-    """A joint and the body that it moves."""
+class _Joint(Orientation, Located, Named):
+    """A joint and the body that it moves, which has the name of the joint."""
 
-    name: Name
-    """Name of the joint and of the body that it moves."""
     parent: Name = "base"
     """Body that carries the joint: `base`, or the name of a preceding joint."""
     position_m: fields.BodyPoint = ZERO
-    """Joint origin, frame of the parent."""
-    rpy_deg: fields.Angles = ZERO
-    """Roll, pitch, yaw of the joint frame in the parent frame at joint position 0: R_z(yaw) R_y(pitch) R_x(roll)."""
+    """Position of the joint frame at joint position 0, frame of the parent; `rpy_deg` is its orientation there."""
     axis: Annotated[fields.Axis, AfterValidator(_nonzero)]
     """Direction of the axis in the joint frame; it is normalized."""
+    position_limits: Annotated[
+        tuple[fields.JointAngle, fields.JointAngle] | None,
+        AfterValidator(_ascending),
+        fields.unit("rad; m for a prismatic joint"),
+    ] = None
+    """Smallest and largest joint position; not enforced, `check` and `study` report violations; default: none."""
+    max_speed_radps: fields.JointRate | None = None
+    """Largest joint velocity, in m/s for a prismatic joint; not enforced, `study` reports violations; default: none."""
+    max_torque_Nm: fields.JointEffort | None = None
+    """Largest joint torque, in N for a prismatic joint; not enforced, `study` reports violations; default: none."""
     body: Body
     """Body that the joint moves."""
 
 
 class Revolute(_Joint):
-    """A revolute joint."""
+    """A revolute joint and the body that it moves, which has the name of the joint."""
 
     type: Literal["revolute"]
     """Selects this joint."""
@@ -60,7 +66,7 @@ class Revolute(_Joint):
 
 
 class Prismatic(_Joint):
-    """A prismatic joint."""
+    """A prismatic joint and the body that it moves, which has the name of the joint."""
 
     type: Literal["prismatic"]
     """Selects this joint."""
@@ -71,11 +77,9 @@ class Prismatic(_Joint):
 Joint = Annotated[Revolute | Prismatic, Field(discriminator="type")]
 
 
-class Arm(Section):
-    """An arm with one point contact on the payload."""
+class Arm(Named):
+    """An arm with one point contact on the payload; `agent/arm` is the name of the contact."""
 
-    name: Name
-    """Name of the arm; `agent/arm` is the name of its contact."""
     joint: Name
     """Body that carries the tip: the name of a joint, or `base`."""
     tip_position_m: fields.BodyPoint
@@ -93,17 +97,25 @@ class AgentType(Section):
     """Joints, parents before children."""
     arms: Annotated[tuple[Arm, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Arms, one contact each."""
+    _from_file: bool = PrivateAttr(default=False)
+
+    @property
+    def from_file(self) -> bool:
+        """True if the scenario file refers to a URDF file; the settings of joints then have other paths."""
+        return self._from_file
+
+    def mark_as_from_file(self) -> None:
+        """Record that the scenario file refers to a URDF file."""
+        self._from_file = True
 
 
-class Agent(Section):
+class Agent(Named):
     """A member of the team."""
 
-    name: Name
-    """Name of the agent."""
     type: Name
     """A name in `agent_types`."""
     yaw_deg: fields.Degrees = 0.0
-    """Constant yaw angle of the agent."""
+    """Constant yaw angle of the agent minus the heading of the reference at t = 0."""
     contact_positions_m: Annotated[tuple[fields.BodyPoint, ...], Field(max_length=MAX_ENTRIES)]
     """Contact points on the payload, in the order of the arms of the type; payload frame."""
 
@@ -121,13 +133,11 @@ class NominalAgentType(Section):
     """Nominal bodies by the name of their joint."""
 
 
-class ActuatorLag(Section):
+class ActuatorLag(Delayed):
     """Delay and first-order lag of thrust and body torque; joint torques are applied without delay."""
 
     bandwidth_Hz: fields.Bandwidth
     """Bandwidth of the lag."""
-    delay_s: fields.Time = 0.0
-    """Delay of commands, a multiple of the control period."""
 
 
 class NominalModel(Section):
@@ -141,13 +151,11 @@ class NominalModel(Section):
     """Nominal lag of thrust and torque, which is used for labels and inverted in commands; default: no lag."""
 
 
-class PayloadMassStep(Section):
+class PayloadMassStep(Ramp, Mass):
     """A mass that is added at the payload's center of mass during the flight, or removed from it."""
 
     mass_kg: fields.MassChange
     """Added mass; negative for a removed mass."""
-    start_s: fields.Time
-    """Start of the change."""
     ramp_time_s: fields.Span = 0.1
     """Duration of the change."""
 
@@ -160,6 +168,6 @@ class InitialState(Section):
     attitude_error_deg: fields.RotationVector = ZERO
     """Rotation vector from the reference attitude to that of the payload, frame of the reference."""
     velocity_mps: fields.Velocity = ZERO
-    """Velocity of the payload."""
+    """Velocity of the payload minus that of its reference at t = 0."""
     angular_velocity_radps: fields.BodyRate = ZERO
-    """Angular velocity of the payload, payload frame."""
+    """Angular velocity of the payload minus that of its reference, payload frame."""

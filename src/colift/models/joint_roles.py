@@ -1,0 +1,279 @@
+"""Roles of joints and links of a robot file: rotors, fingers of grippers, sensors, and links that can hold a payload.
+
+Files describe propellers, fingers and sensor gimbals as joints like those of an arm. The rules distinguish them by
+kinematics, inertia, names, motor plugins and transmissions. Every result is a proposal that the user can replace.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from colift.models.link_tree import (
+    CONTINUOUS,
+    FIXED,
+    PRISMATIC,
+    LinkJoint,
+    LinkTree,
+    Skeleton,
+    held_position,
+    merge_links,
+    skeleton,
+)
+
+ROTOR_NAME = re.compile(r"rotor|thrust|propell|airscrew|(?<![a-z])(props?|blades?|fans?)(?![a-z])", re.IGNORECASE)
+FINGER_NAME = re.compile(r"finger|gripper|jaw|claw|knuckle|thumb|pincer|(?<![a-z])grip(?![a-z])", re.IGNORECASE)
+SENSOR_NAME = re.compile(
+    r"sensor|camera|gimbal|lidar|laser|sonar|imu|gps|gnss|baro|magnetom|optical|depth|realsense|hokuyo|velodyne|antenna"
+    r"|odometry|battery|processor|(?<![a-z])(bat|cam|cog|led|zed|d435i?|t265|gyro|landing|gear|skid|leg)s?(?![a-z])",
+    re.IGNORECASE,
+)
+HAND_NAME = re.compile(
+    r"hand|tool|tcp|end_?eff|gripp|hook|magnet|suction|flange|(?<![a-z])(ee|eef|tip|grip|payload|attach)(?![a-z])",
+    re.IGNORECASE,
+)
+MIN_ROTOR_RANGE = 2 * np.pi  # rad, a smaller range of positions excludes a rotor
+MAX_ROTOR_TILT = np.deg2rad(20.0)  # of the axis of a rotor without a name against the thrust
+MAX_NAMED_MASS_RATIO = 0.2  # mass of a rotor with a name, over the mass of the file
+MAX_ROTOR_MASS_RATIO = 0.05  # mass of a rotor without a name, over the mass of the file
+MAX_ROTOR_INERTIA_RATIO = 0.05  # largest moment of such a rotor over that of the base
+MIN_ALIKE_ROTORS = 3  # rotors without a name that are alike; fewer could be joints of an arm
+HOOK_RATIO, DEFAULT_RADIUS = 0.65, 0.15  # depth of a hook over the radius of gyration of the base; m
+MASS_TOLERANCE = 0.01  # relative difference of alike rotors
+
+
+@dataclasses.dataclass(frozen=True)
+class TipProposal:
+    """Point that can hold a payload, in the frame of a link."""
+
+    link: str
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
+
+
+@dataclasses.dataclass(frozen=True)
+class JointRoles:
+    """Roles of the joints of a file.
+
+    Attributes:
+        rotors: Joints of rotors.
+        grippers: Joints of the fingers of each gripper.
+        idle: Other joints that carry no tip, such as gimbals of sensors.
+        tips: Points that can hold a payload.
+        rests_on_base: True if no arm was found, so that the base holds the payload.
+    """
+
+    rotors: tuple[str, ...]
+    grippers: tuple[tuple[str, ...], ...]
+    idle: tuple[str, ...]
+    tips: tuple[TipProposal, ...]
+    rests_on_base: bool
+
+    @property
+    def frozen(self) -> tuple[str, ...]:
+        """Joints that are not part of an arm."""
+        return (*self.rotors, *(joint for group in self.grippers for joint in group), *self.idle)
+
+
+def classify(tree: LinkTree, frozen: tuple[str, ...] | None = None, tips: tuple[str, ...] = ()) -> JointRoles:
+    """Find rotors, grippers, idle joints and tips.
+
+    Args:
+        tree: Links and joints.
+        frozen: Joints that the user freezes; only these are rotors, fingers or idle then; None for a proposal.
+        tips: Links that hold the payload; empty for a proposal.
+
+    Returns:
+        The roles.
+    """
+    rotors = tuple(joint.name for joint in _rotors(tree) if frozen is None or joint.name in frozen)
+    grippers = tuple(_grippers(tree, set(rotors)))
+    if frozen is not None:
+        grippers = tuple(kept for group in grippers if (kept := tuple(name for name in group if name in frozen)))
+    fingers = {joint for group in grippers for joint in group}
+    fixed = {name: held_position(tree, name, {}) for name in {*rotors, *fingers, *(frozen or ())}}
+    found = skeleton(tree, fixed)
+    proposals, on_base = tuple(TipProposal(link) for link in tips), False
+    if not tips:
+        proposals = tuple(_arm_tips(tree, found, grippers, rotors))
+        on_base = not proposals
+        proposals = proposals or (_base_tip(tree, found, grippers),)
+    carriers = {0}
+    for proposal in proposals:
+        body = found.places[proposal.link].body
+        while body:
+            carriers.add(body)
+            body = found.joints[body - 1].parent
+    idle = tuple(joint.name for k, joint in enumerate(found.joints) if k + 1 not in carriers)
+    if frozen is not None:
+        idle = tuple(name for name in frozen if name not in {*rotors, *fingers})
+    return JointRoles(rotors=rotors, grippers=grippers, idle=idle, tips=proposals, rests_on_base=on_base)
+
+
+# Rotors ---------------------------------------------------------------------------------------------------------------
+
+
+def _subtree(tree: LinkTree, link: str) -> tuple[list[str], list[LinkJoint]]:
+    """Return the links below and including a link, and the joints between them."""
+    links, joints, pending = [], [], [link]
+    while pending:
+        name = pending.pop()
+        links.append(name)
+        joints += tree.joints_below[name]
+        pending += [joint.child for joint in tree.joints_below[name]]
+    return links, joints
+
+
+def _mass(tree: LinkTree, links: list[str]) -> float:
+    """Compute the mass of links [kg]."""
+    return sum(body.mass for name in links if (body := tree.links[name].inertial) is not None)
+
+
+def _rotors(tree: LinkTree) -> list[LinkJoint]:
+    """Return the joints of rotors.
+
+    A rotor is a leaf that turns without limits. It is driven by a motor plugin or a rotor transmission, or it has the
+    name of a rotor and little mass. Otherwise several alike leaves of little inertia must turn about the thrust axis.
+    """
+    total, certain, alike = _mass(tree, list(tree.links)), [], []
+    for joint in tree.moving:
+        links, below = _subtree(tree, joint.child)
+        if not _turns_freely(joint) or any(other.kind != FIXED for other in below):
+            continue
+        share = _mass(tree, links) / total if total > 0 else 0.0
+        named = any(ROTOR_NAME.search(name) for name in (joint.name, joint.child))
+        if joint.name in tree.rotor_drives or (named and share < MAX_NAMED_MASS_RATIO):
+            certain.append(joint)
+        elif joint.name not in tree.servo_drives and share < MAX_ROTOR_MASS_RATIO and _spins_about_thrust(tree, joint):
+            alike.append(joint)
+    masses = {joint.name: _mass(tree, _subtree(tree, joint.child)[0]) for joint in alike}
+    return certain + [
+        joint
+        for joint in alike
+        if sum(abs(m - masses[joint.name]) <= MASS_TOLERANCE * m for m in masses.values()) >= MIN_ALIKE_ROTORS
+    ]
+
+
+def _turns_freely(joint: LinkJoint) -> bool:
+    """Return whether a joint turns by a revolution or more."""
+    limits = joint.limits.position
+    wide = limits is None or limits[1] - limits[0] >= MIN_ROTOR_RANGE
+    return joint.kind != PRISMATIC and (joint.kind == CONTINUOUS or wide)
+
+
+def _spins_about_thrust(tree: LinkTree, joint: LinkJoint) -> bool:
+    """Return whether a joint on the base turns a light and balanced body about the thrust axis."""
+    found = skeleton(tree, {})
+    place = found.places[joint.parent]
+    axis = place.rotation @ joint.rotation @ joint.axis
+    body, base = tree.links[joint.child].inertial, merge_links(tree, found.members[0], found.places)
+    if place.body != 0 or abs(axis[2]) < np.cos(MAX_ROTOR_TILT) or body is None or base is None:
+        return False
+    lever = np.linalg.norm(np.cross(body.com, joint.axis))
+    radius = np.sqrt(np.abs(body.inertia).max() / max(body.mass, 1e-12))
+    light = np.abs(body.inertia).max() < MAX_ROTOR_INERTIA_RATIO * np.abs(base.inertia).max()
+    return light and bool(lever <= 0.1 * radius)
+
+
+# Grippers -------------------------------------------------------------------------------------------------------------
+
+
+def _grippers(tree: LinkTree, taken: set[str]) -> Iterator[tuple[str, ...]]:
+    """Yield the joints of the fingers of each gripper.
+
+    Fingers are the joints below one body whose names, or those of the links they move, are names of fingers; or a pair
+    of leaves that slide in opposite directions, or of which one follows the other.
+    """
+    found = skeleton(tree, dict.fromkeys(taken, 0.0))
+    for body in range(len(found.members)):
+        starts = [joint for joint in found.joints if joint.parent == body]
+        fingers: list[str] = []
+        for start in starts:
+            joints = [tree.joints[start.name], *_subtree(tree, tree.joints[start.name].child)[1]]
+            moving = [joint for joint in joints if joint.kind != FIXED and joint.name not in taken]
+            if all(FINGER_NAME.search(joint.name) or FINGER_NAME.search(joint.child) for joint in moving):
+                fingers += [joint.name for joint in moving]
+        fingers += [name for pair in _pairs(tree, found, body) for name in pair if name not in fingers]
+        if fingers:
+            yield tuple(fingers)
+
+
+def _pairs(tree: LinkTree, found: Skeleton, body: int) -> Iterator[tuple[str, str]]:
+    """Yield pairs of leaves on one body that slide in opposite directions, or of which one follows the other."""
+    parents = {joint.parent for joint in found.joints}
+    leaves = [(k, joint) for k, joint in enumerate(found.joints) if joint.parent == body and k + 1 not in parents]
+    for i, (_, a) in enumerate(leaves):
+        for _, b in leaves[i + 1 :]:
+            couplings = tree.joints[a.name].coupling, tree.joints[b.name].coupling
+            followed = [coupling.joint for coupling in couplings if coupling is not None]
+            opposite = (a.rotation @ a.axis) @ (b.rotation @ b.axis) < -0.9
+            if {a.name, b.name} & set(followed) or (a.prismatic and b.prismatic and opposite):
+                yield a.name, b.name
+
+
+# Tips -----------------------------------------------------------------------------------------------------------------
+
+
+def _arm_tips(
+    tree: LinkTree, found: Skeleton, grippers: tuple[tuple[str, ...], ...], rotors: tuple[str, ...]
+) -> Iterator[TipProposal]:
+    """Yield the tip of the last body of each chain; bodies that consist of sensors or carry a rotor have none."""
+    parents = {joint.parent for joint in found.joints} | {found.places[tree.joints[name].child].body for name in rotors}
+    for body in range(1, len(found.members)):
+        links = [name for name in found.members[body] if not SENSOR_NAME.search(name)]
+        moved = found.joints[body - 1].name
+        if body in parents or not links or SENSOR_NAME.search(moved):
+            continue
+        on_gripper = _gripper_tip(tree, found, grippers, body)
+        if on_gripper is not None:
+            yield on_gripper
+            continue
+        hands = [name for name in links if HAND_NAME.search(name)] or links
+        yield TipProposal(max(hands, key=lambda link: float(np.linalg.norm(found.places[link].position))))
+
+
+def _gripper_tip(
+    tree: LinkTree, found: Skeleton, grippers: tuple[tuple[str, ...], ...], body: int
+) -> TipProposal | None:
+    """Return the point between the fingers of a gripper on a body, in the frame of the link that carries them."""
+    for group in grippers:
+        carrier = tree.joints[group[0]].parent
+        if found.places[carrier].body != body:
+            continue
+        last = [name for name in group if not any(tree.joints[o].name in group for o in _moved_joints(tree, name))]
+        ends = [_finger_end(tree, found, tree.joints[name].child) for name in last or group]
+        place = found.places[carrier]
+        offset = place.rotation.T @ (np.mean(ends, axis=0) - place.position)
+        x, y, z = (float(f"{value:.6f}") + 0.0 for value in offset)
+        return TipProposal(carrier, (x, y, z))
+    return None
+
+
+def _moved_joints(tree: LinkTree, name: str) -> list[str]:
+    """Return the names of the joints below a joint."""
+    return [joint.name for joint in _subtree(tree, tree.joints[name].child)[1]]
+
+
+def _finger_end(tree: LinkTree, found: Skeleton, link: str) -> np.ndarray:
+    """Return the link origin of a finger that is farthest from the origin of its body [m, frame of the body]."""
+    links, _ = _subtree(tree, link)
+    return max((found.places[name].position for name in links), key=lambda p: float(np.linalg.norm(p)))
+
+
+def _base_tip(tree: LinkTree, found: Skeleton, grippers: tuple[tuple[str, ...], ...]) -> TipProposal:
+    """Return the tip of a vehicle without an arm: a gripper, a link with the name of a hand, or a point below the base.
+
+    The point is `HOOK_RATIO` radii of gyration below the origin of the root link, as the hook of `init --arms 0`.
+    """
+    on_gripper = _gripper_tip(tree, found, grippers, 0)
+    if on_gripper is not None:
+        return on_gripper
+    hands = [name for name in found.members[0] if HAND_NAME.search(name) and not SENSOR_NAME.search(name)]
+    hands = [name for name in hands if not ROTOR_NAME.search(name)]
+    if hands:
+        return TipProposal(max(hands, key=lambda link: float(np.linalg.norm(found.places[link].position))))
+    body = merge_links(tree, found.members[0], found.places)
+    radius = DEFAULT_RADIUS if body is None else np.sqrt(np.abs(body.inertia).max() / body.mass)
+    return TipProposal(tree.root, (0.0, 0.0, -float(f"{HOOK_RATIO * radius:.3g}")))

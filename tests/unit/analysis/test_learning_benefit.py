@@ -1,0 +1,75 @@
+"""Label errors compared with what is to be learned, and warnings of a study."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from colift import scenario
+from colift.analysis import learning_benefit
+from colift.scenario import team, template
+
+SETTINGS = scenario.parse(template.scenario_template("t", 3, 0), "t.yaml")
+
+
+def quality(force: float, *changes: str) -> tuple[learning_benefit.LabelQuality, ...]:
+    settings = scenario.parse(template.scenario_template("t", 3, 0), "t.yaml", changes)
+    forces = np.tile([force, 0.0, 0.0], (10, 1))
+    truth = team.team(settings)[0]
+    return learning_benefit.label_quality(
+        settings, truth, team.agent_names(settings), forces, np.stack([forces] * 3, 1)
+    )
+
+
+def test_label_errors_have_the_stated_size() -> None:
+    payload, agent, *_ = quality(1.0, "sensors.accelerometer_mps2=0", "sensors.tip_force_bias_N=0.05")
+    assert payload.residual == pytest.approx(1.0)
+    assert payload.bias == pytest.approx(0.05 * 3)  # three contacts, three axes
+    assert agent.bias == pytest.approx(0.05 * np.sqrt(3))
+    assert payload.noise == pytest.approx(0.1 * 3 * np.sqrt(2 * 1.22 * 8 / 500))
+    assert payload.exceeded == ()
+    assert learning_benefit.describe_exceeded((payload, agent)) == ""
+
+
+def test_errors_beyond_the_residual_name_body_and_setting() -> None:
+    found = quality(0.1, "sensors.tip_force_bias_N=0.05")
+    assert found[0].exceeded == ("bias",)
+    message = learning_benefit.describe_exceeded(found)
+    assert "payload: residual force 0.1 N, label bias 0.15 N" in message
+    assert message.endswith("lower sensors.tip_force_bias_N")
+    assert "agent_1" not in message
+
+
+def case(e_p: float, e_R: float, **others: Any) -> dict[str, Any]:
+    return {
+        "complete": True,
+        "update_times_s": [2.0],
+        "e_p_rms_m": e_p,
+        "e_R_rms": e_R,
+        "delta_W_force_rms_N": 1.0,
+        "delta_W_moment_rms_Nm": 1.0,
+    } | others
+
+
+def test_a_figure_worse_with_learning_is_reported_with_its_cause() -> None:
+    cases = {"C1": case(0.01, 0.01), "C2": case(0.005, 0.02), "C3": case(0.02, 0.005, complete=False)}
+    (c2, first), (c3, second) = learning_benefit.comparison_warnings(SETTINGS, cases)
+    assert (c2, c3) == ("C2", "C3")
+    assert first.startswith(
+        "the attitude error is 2.00 times that of C1; likely cause: the bias of the tip force sensors"
+    )
+    assert second == "the position error is 2.00 times that of C1; likely cause: the flight ended early"
+
+
+def test_data_that_end_before_a_lap_are_a_cause() -> None:
+    learning = {"end_s": 8.0, "update_times_s": [2.0, 4.0]}
+    settings = SETTINGS.model_copy(update={"learning": SETTINGS.learning.model_copy(update=learning)})
+    ((_, message),) = learning_benefit.comparison_warnings(settings, {"C1": case(1.0, 1.0), "C3": case(2.0, 1.0)})
+    assert "learning.end_s is 8 s, one lap ends at 11 s" in message
+
+
+def test_no_warning_without_a_comparison_or_an_increase() -> None:
+    assert list(learning_benefit.comparison_warnings(SETTINGS, {"C3": case(2.0, 2.0)})) == []
+    assert list(learning_benefit.comparison_warnings(SETTINGS, {"C1": case(1.0, 1.0), "C3": case(1.04, 0.5)})) == []
