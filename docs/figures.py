@@ -91,8 +91,8 @@ def page(out: Path) -> None:
         file.write_text(playback.build_page(logs, experiment.ALL_CASES), encoding="utf-8")
         window.open(file)
         window.evaluate("document.querySelector('.chip').click(), seek(12)")
-        window.settle()
-        Image.open(io.BytesIO(window.picture())).convert("RGB").save(HERE / "playback.png", optimize=True)
+        window.wait_until_drawn()
+        Image.open(io.BytesIO(window.screenshot())).convert("RGB").save(HERE / "playback.png", optimize=True)
 
 
 def gallery(_out: Path) -> None:

@@ -20,7 +20,7 @@ FLAGS = (
     *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--remote-debugging-pipe", "--no-first-run", "--disable-extensions", "--disable-background-networking"),
 )
-PATIENCE = 120.0  # s per response; a shared computer renders slowly
+TIMEOUT = 120.0  # s per response; a shared computer renders slowly
 
 
 class Page:
@@ -32,7 +32,7 @@ class Page:
         self._ready.register(read, selectors.EVENT_READ)
         self._numbers, self._session = itertools.count(1), ""
         self.requests: list[str] = []
-        self.complaints: list[str] = []
+        self.errors: list[str] = []
         target = self._call("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
@@ -52,7 +52,7 @@ class Page:
         """Open an address and wait for the expression `ready`."""
         self._call("Page.navigate", url=address)
         self.wait(f"document.readyState === 'complete' && Boolean({ready})")
-        self.settle()
+        self.wait_until_drawn()
 
     def evaluate(self, script: str) -> Any:
         """Return the value of an expression, or of its promise; raise AssertionError if it throws."""
@@ -62,12 +62,12 @@ class Page:
 
     def wait(self, script: str) -> None:
         """Wait until an expression is true."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + TIMEOUT
         while not self.evaluate(script):
-            assert time.monotonic() < end, f"never: {script}; {self.complaints}"
+            assert time.monotonic() < end, f"never: {script}; {self.errors}"
             time.sleep(0.05)
 
-    def settle(self) -> None:
+    def wait_until_drawn(self) -> None:
         """Wait for two animation frames, after which changes are drawn."""
         self.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(1))))")
 
@@ -82,7 +82,7 @@ class Page:
         for kind, held in (("mousePressed", 1), ("mouseReleased", 0)):
             self._call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=held, clickCount=1)
 
-    def picture(self, whole: bool = False) -> bytes:
+    def screenshot(self, whole: bool = False) -> bytes:
         """Return the visible part, or the whole page, as PNG."""
         return base64.b64decode(self._call("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
 
@@ -92,29 +92,29 @@ class Page:
         os.write(
             self._write, json.dumps({"id": number, "method": method, "params": parameters} | session).encode() + b"\0"
         )
-        while (message := self._hear()).get("id") != number:
-            self._note(message.get("method", ""), message.get("params", {}))
+        while (message := self._read_message()).get("id") != number:
+            self._record_event(message.get("method", ""), message.get("params", {}))
         assert "error" not in message, f"{method}: {message['error']}"
         return message["result"]
 
-    def _hear(self) -> dict[str, Any]:
+    def _read_message(self) -> dict[str, Any]:
         while b"\0" not in self._rest:
-            assert self._ready.select(PATIENCE), "no response from the browser"
-            got = os.read(self._read, 1 << 20)
-            assert got, "the browser has ended"
-            self._rest += got
+            assert self._ready.select(TIMEOUT), "no response from the browser"
+            received = os.read(self._read, 1 << 20)
+            assert received, "the browser has ended"
+            self._rest += received
         message, _, self._rest = self._rest.partition(b"\0")
         return json.loads(message)
 
-    def _note(self, event: str, of: dict[str, Any]) -> None:
+    def _record_event(self, event: str, params: dict[str, Any]) -> None:
         if event == "Network.requestWillBeSent":
-            self.requests.append(of["request"]["url"])
+            self.requests.append(params["request"]["url"])
         elif event == "Runtime.exceptionThrown":
-            self.complaints.append(str(of["exceptionDetails"]))
-        elif event == "Runtime.consoleAPICalled" and of["type"] in ("error", "warning", "assert"):
-            self.complaints.append(str(of["args"]))
-        elif event == "Log.entryAdded" and of["entry"]["level"] in ("error", "warning"):
-            self.complaints.append(of["entry"]["text"])
+            self.errors.append(str(params["exceptionDetails"]))
+        elif event == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
+            self.errors.append(str(params["args"]))
+        elif event == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
+            self.errors.append(params["entry"]["text"])
 
 
 @contextlib.contextmanager

@@ -260,7 +260,7 @@ def dual_upper_bounds(
 def minimize_upper_bounds(
     feasible: FeasibleSet, k: np.ndarray, squared_norm: np.ndarray, l1_norm: np.ndarray
 ) -> np.ndarray:
-    """Compute nearly optimal upper bounds of many functionals, to about `MIN_IMPROVEMENT`.
+    """Compute nearly optimal upper bounds of many functionals, usually to about `MIN_IMPROVEMENT`.
 
     `min_nu g(nu) + eps |nu|_1`, `g(nu) = r^T nu + sqrt(squared_norm - 2 k^T nu + nu^T K nu)`, is solved by the
     alternating direction method of multipliers (Boyd et al. 2011, 3.4.3). Its step in g is diagonal in the eigenvectors

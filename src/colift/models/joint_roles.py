@@ -102,7 +102,7 @@ def classify(tree: LinkTree, frozen: tuple[str, ...] | None = None, tips: tuple[
         proposals = proposals or (_base_tip(tree, found, grippers),)
     carriers = {0}
     for proposal in proposals:
-        body = found.places[proposal.link].body
+        body = found.placements[proposal.link].body
         while body:
             carriers.add(body)
             body = found.joints[body - 1].parent
@@ -166,10 +166,10 @@ def _turns_freely(joint: LinkJoint) -> bool:
 def _spins_about_thrust(tree: LinkTree, joint: LinkJoint) -> bool:
     """Return whether a joint on the base turns a light and balanced body about the thrust axis."""
     found = skeleton(tree, {})
-    place = found.places[joint.parent]
-    axis = place.rotation @ joint.rotation @ joint.axis
-    body, base = tree.links[joint.child].inertial, merge_links(tree, found.members[0], found.places)
-    if place.body != 0 or abs(axis[2]) < np.cos(MAX_ROTOR_TILT) or body is None or base is None:
+    placement = found.placements[joint.parent]
+    axis = placement.rotation @ joint.rotation @ joint.axis
+    body, base = tree.links[joint.child].inertial, merge_links(tree, found.members[0], found.placements)
+    if placement.body != 0 or abs(axis[2]) < np.cos(MAX_ROTOR_TILT) or body is None or base is None:
         return False
     lever = np.linalg.norm(np.cross(body.com, joint.axis))
     radius = np.sqrt(np.abs(body.inertia).max() / max(body.mass, 1e-12))
@@ -220,7 +220,9 @@ def _arm_tips(
     tree: LinkTree, found: Skeleton, grippers: tuple[tuple[str, ...], ...], rotors: tuple[str, ...]
 ) -> Iterator[TipProposal]:
     """Yield the tip of the last body of each chain; bodies that consist of sensors or carry a rotor have none."""
-    parents = {joint.parent for joint in found.joints} | {found.places[tree.joints[name].child].body for name in rotors}
+    parents = {joint.parent for joint in found.joints} | {
+        found.placements[tree.joints[name].child].body for name in rotors
+    }
     for body in range(1, len(found.members)):
         links = [name for name in found.members[body] if not SENSOR_NAME.search(name)]
         moved = found.joints[body - 1].name
@@ -231,7 +233,7 @@ def _arm_tips(
             yield on_gripper
             continue
         hands = [name for name in links if HAND_NAME.search(name)] or links
-        yield TipProposal(max(hands, key=lambda link: float(np.linalg.norm(found.places[link].position))))
+        yield TipProposal(max(hands, key=lambda link: float(np.linalg.norm(found.placements[link].position))))
 
 
 def _gripper_tip(
@@ -240,12 +242,12 @@ def _gripper_tip(
     """Return the point between the fingers of a gripper on a body, in the frame of the link that carries them."""
     for group in grippers:
         carrier = tree.joints[group[0]].parent
-        if found.places[carrier].body != body:
+        if found.placements[carrier].body != body:
             continue
         last = [name for name in group if not any(tree.joints[o].name in group for o in _moved_joints(tree, name))]
         ends = [_finger_end(tree, found, tree.joints[name].child) for name in last or group]
-        place = found.places[carrier]
-        offset = place.rotation.T @ (np.mean(ends, axis=0) - place.position)
+        placement = found.placements[carrier]
+        offset = placement.rotation.T @ (np.mean(ends, axis=0) - placement.position)
         x, y, z = (float(f"{value:.6f}") + 0.0 for value in offset)
         return TipProposal(carrier, (x, y, z))
     return None
@@ -259,7 +261,7 @@ def _moved_joints(tree: LinkTree, name: str) -> list[str]:
 def _finger_end(tree: LinkTree, found: Skeleton, link: str) -> np.ndarray:
     """Return the link origin of a finger that is farthest from the origin of its body [m, frame of the body]."""
     links, _ = _subtree(tree, link)
-    return max((found.places[name].position for name in links), key=lambda p: float(np.linalg.norm(p)))
+    return max((found.placements[name].position for name in links), key=lambda p: float(np.linalg.norm(p)))
 
 
 def _base_tip(tree: LinkTree, found: Skeleton, grippers: tuple[tuple[str, ...], ...]) -> TipProposal:
@@ -273,7 +275,7 @@ def _base_tip(tree: LinkTree, found: Skeleton, grippers: tuple[tuple[str, ...], 
     hands = [name for name in found.members[0] if HAND_NAME.search(name) and not SENSOR_NAME.search(name)]
     hands = [name for name in hands if not ROTOR_NAME.search(name)]
     if hands:
-        return TipProposal(max(hands, key=lambda link: float(np.linalg.norm(found.places[link].position))))
-    body = merge_links(tree, found.members[0], found.places)
+        return TipProposal(max(hands, key=lambda link: float(np.linalg.norm(found.placements[link].position))))
+    body = merge_links(tree, found.members[0], found.placements)
     radius = DEFAULT_RADIUS if body is None else np.sqrt(np.abs(body.inertia).max() / body.mass)
     return TipProposal(tree.root, (0.0, 0.0, -float(f"{HOOK_RATIO * radius:.3g}")))

@@ -60,7 +60,7 @@ class Link:
     """Link of a file; `inertial` is in the frame of the link."""
 
     name: str
-    place: str  # location for messages
+    location: str  # location for messages
     inertial: Body | None
 
 
@@ -71,7 +71,7 @@ class Coupling:
     joint: str  # the joint that is followed
     multiplier: float
     offset: float  # rad or m
-    place: str  # location for messages
+    location: str  # location for messages
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +87,7 @@ class LinkJoint:
     axis: np.ndarray  # unit vector, joint frame
     limits: JointLimits
     coupling: Coupling | None
-    place: str  # location for messages
+    location: str  # location for messages
 
     @property
     def label(self) -> str:
@@ -137,12 +137,12 @@ class Skeleton:
 
     Attributes:
         joints: Movable joints.
-        places: Pose of each link in its body, by name.
+        placements: Pose of each link in its body, by name.
         members: Names of the links of each body, the first one defines its frame.
     """
 
     joints: tuple[Joint, ...]
-    places: Mapping[str, Placement]
+    placements: Mapping[str, Placement]
     members: tuple[tuple[str, ...], ...]
 
 
@@ -158,33 +158,33 @@ def skeleton(tree: LinkTree, frozen: Mapping[str, float]) -> Skeleton:
     """
     members: list[list[str]] = [[]]
     joints: list[Joint] = []
-    places: dict[str, Placement] = {}
+    placements: dict[str, Placement] = {}
     base = Placement(body=0, rotation=np.eye(3), position=np.zeros(3))
     pending: list[tuple[str, LinkJoint | None, Placement]] = [(tree.root, None, base)]
     while pending:
-        name, joint, place = pending.pop()
+        name, joint, placement = pending.pop()
         if joint is not None:
-            place = _joint_frame(joint, place)
+            placement = _joint_frame(joint, placement)
             if joint.name in frozen:
-                place = _displaced(joint, place, frozen[joint.name])
+                placement = _displaced(joint, placement, frozen[joint.name])
             elif joint.kind != FIXED:
                 joints.append(
                     Joint(
                         name=joint.name,
-                        parent=place.body,
+                        parent=placement.body,
                         prismatic=joint.kind == PRISMATIC,
-                        position=place.position,
-                        rotation=place.rotation,
+                        position=placement.position,
+                        rotation=placement.rotation,
                         axis=joint.axis,
                         limits=joint.limits,
                     )
                 )
-                place = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
+                placement = Placement(body=len(joints), rotation=np.eye(3), position=np.zeros(3))
                 members.append([])
-        places[name] = place
-        members[place.body].append(name)
-        pending += [(below.child, below, place) for below in reversed(tree.joints_below[name])]
-    return Skeleton(joints=tuple(joints), places=places, members=tuple(map(tuple, members)))
+        placements[name] = placement
+        members[placement.body].append(name)
+        pending += [(below.child, below, placement) for below in reversed(tree.joints_below[name])]
+    return Skeleton(joints=tuple(joints), placements=placements, members=tuple(map(tuple, members)))
 
 
 def reduce_tree(
@@ -218,8 +218,8 @@ def reduce_tree(
     held = _held_positions(tree, mimic, nominal_positions, frozen)
     found = skeleton(tree, held)
     changes: list[str] = []
-    bodies = tuple(_body(tree, names, found.places, inertia, changes) for names in found.members)
-    return Robot(file=tree.file, bodies=bodies, joints=found.joints, links=found.places, changes=tuple(changes))
+    bodies = tuple(_body(tree, names, found.placements, inertia, changes) for names in found.members)
+    return Robot(file=tree.file, bodies=bodies, joints=found.joints, links=found.placements, changes=tuple(changes))
 
 
 def _joint_frame(joint: LinkJoint, parent: Placement) -> Placement:
@@ -254,8 +254,8 @@ def _held_positions(
             continue
         if mimic is None:
             raise ChoiceRequiredError(
-                f"{joint.coupling.place}: {joint.label} depends on another joint (<mimic>), which the model does not "
-                "support",
+                f"{joint.coupling.location}: {joint.label} depends on another joint (<mimic>), which the model does "
+                "not support",
                 "mimic",
                 {
                     "frozen": "fixed at the rest position of that joint",
@@ -290,9 +290,9 @@ def held_position(tree: LinkTree, name: str, nominal_positions: Mapping[str, flo
             return float(gain * nominal_positions.get(chain[-1], 0.0) + offset)
         followed = joint.coupling.joint
         if followed not in tree.joints:
-            raise ValueError(f"{joint.coupling.place}: {joint.label} depends on {followed!r}, which is not a joint")
+            raise ValueError(f"{joint.coupling.location}: {joint.label} depends on {followed!r}, which is not a joint")
         if followed in chain:
-            raise ValueError(f"{joint.coupling.place}: {joint.label} depends on itself through {', '.join(chain)}")
+            raise ValueError(f"{joint.coupling.location}: {joint.label} depends on itself through {', '.join(chain)}")
         offset += gain * joint.coupling.offset
         gain *= joint.coupling.multiplier
         chain.append(followed)
@@ -301,26 +301,27 @@ def held_position(tree: LinkTree, name: str, nominal_positions: Mapping[str, flo
 # Inertia --------------------------------------------------------------------------------------------------------------
 
 
-def merge_links(tree: LinkTree, names: Collection[str], places: Mapping[str, Placement]) -> Body | None:
+def merge_links(tree: LinkTree, names: Collection[str], placements: Mapping[str, Placement]) -> Body | None:
     """Merge links to a body: `m = sum m_i`, center of mass, `J = sum J_i + m_i (d^2 I - d d^T)` about it.
 
     Args:
         tree: Links and joints.
         names: Names of the links.
-        places: Pose of each link in the body, by name.
+        placements: Pose of each link in the body, by name.
 
     Returns:
         The body, without a check of physical consistency; None if it has no mass.
     """
-    some = [(body, places[name]) for name in names if (body := tree.links[name].inertial) is not None]
+    some = [(body, placements[name]) for name in names if (body := tree.links[name].inertial) is not None]
     m = np.array([body.mass for body, _ in some])
     if not m.sum() > 0:
         return None
-    s = np.array([place.position + place.rotation @ body.com for body, place in some])
+    s = np.array([placement.position + placement.rotation @ body.com for body, placement in some])
     com = m @ s / m.sum()
     J = sum(
-        symmetric(place.rotation @ body.inertia @ place.rotation.T) + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
-        for (body, place), d in zip(some, s - com, strict=True)
+        symmetric(placement.rotation @ body.inertia @ placement.rotation.T)
+        + body.mass * (d @ d * np.eye(3) - np.outer(d, d))
+        for (body, placement), d in zip(some, s - com, strict=True)
     )
     return Body(mass=float(m.sum()), com=com, inertia=np.asarray(J))
 
@@ -328,7 +329,7 @@ def merge_links(tree: LinkTree, names: Collection[str], places: Mapping[str, Pla
 def _body(
     tree: LinkTree,
     names: tuple[str, ...],
-    places: Mapping[str, Placement],
+    placements: Mapping[str, Placement],
     rule: InertiaRule,
     changes: list[str],
 ) -> Body:
@@ -338,11 +339,11 @@ def _body(
     if not with_inertia:
         also = f", nor do the links fixed to it: {', '.join(names[1:])}" if names[1:] else ""
         raise ValueError(
-            f"{first.place}: link {first.name!r} has no <inertial>{also}; every body requires mass and inertia"
+            f"{first.location}: link {first.name!r} has no <inertial>{also}; every body requires mass and inertia"
         )
     others = ", ".join(name for name in with_inertia if name != first.name)
-    whole = f"{first.place}: link {first.name!r}" + (f" with the links fixed to it ({others})" if others else "")
-    body = merge_links(tree, names, places)
+    whole = f"{first.location}: link {first.name!r}" + (f" with the links fixed to it ({others})" if others else "")
+    body = merge_links(tree, names, placements)
     if body is None:
         raise ValueError(f"{whole}: mass 0 kg is not positive")
     return dataclasses.replace(body, inertia=_checked_inertia(whole, body.mass, body.inertia, rule, changes))

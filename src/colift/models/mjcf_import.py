@@ -133,7 +133,7 @@ class _Reader:
             name = self._name(body)
             joint = None if body == root else self._joint(body)
             self.shift[body] = np.zeros(3) if joint is None else np.array(model.jnt_pos[joint])
-            links[name] = Link(name=name, place=self.file, inertial=self._inertial(body))
+            links[name] = Link(name=name, location=self.file, inertial=self._inertial(body))
             if body != root:
                 link_joint = self._link_joint(body, joint, couplings)
                 joints[link_joint.name] = link_joint
@@ -221,7 +221,7 @@ class _Reader:
             axis=axis,
             limits=limits,
             coupling=None if joint is None else couplings.get(joint),
-            place=self.file,
+            location=self.file,
         )
 
     def _limits(self, joint: int) -> JointLimits:
@@ -252,7 +252,7 @@ class _Reader:
                     joint=self._joint_name(followed),
                     multiplier=float(multiplier),
                     offset=float(offset),
-                    place=self.file,
+                    location=self.file,
                 ),
             )
 
@@ -263,7 +263,7 @@ class _Reader:
         name = self.model.site(site).name
         if not name or name in links:
             return
-        links[name] = Link(name=name, place=self.file, inertial=None)
+        links[name] = Link(name=name, location=self.file, inertial=None)
         joints[f"{name}_site"] = LinkJoint(
             name=f"{name}_site",
             kind=FIXED,
@@ -274,7 +274,7 @@ class _Reader:
             axis=np.array([1.0, 0.0, 0.0]),
             limits=UNLIMITED_JOINT,
             coupling=None,
-            place=self.file,
+            location=self.file,
         )
 
 

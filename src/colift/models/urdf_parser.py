@@ -87,7 +87,7 @@ def parse_link_tree(text: str | bytes, file: str) -> LinkTree:
     return LinkTree(
         file=file,
         root=root,
-        links={name: Link(name=name, place=it.place, inertial=_inertial(it)) for name, it in links.items()},
+        links={name: Link(name=name, location=it.location, inertial=_inertial(it)) for name, it in links.items()},
         joints={name: _joint(element) for name, element in joints.items()},
         rotor_drives=rotors,
         servo_drives=servos,
@@ -104,7 +104,7 @@ class _Element:
 
     tag: str
     attributes: dict[str, str]
-    place: str  # file:line
+    location: str  # file:line
     children: list[_Element]
     text: str = ""
 
@@ -137,7 +137,7 @@ class _Doctype(ValueError):
 
 def _fail(element: _Element, message: str) -> NoReturn:
     """Raise `ValueError` with the location of an element."""
-    raise ValueError(f"{element.place}: {message}")
+    raise ValueError(f"{element.location}: {message}")
 
 
 def _check_attributes(element: _Element, owner: _Element) -> None:
@@ -219,7 +219,7 @@ def _elements_by_name(robot: _Element, tag: str) -> dict[str, _Element]:
         if element.tag == tag:
             name = _attribute(element, "name", robot)
             if name in found:
-                _fail(element, f"{element} occurs twice, first at {found[name].place}")
+                _fail(element, f"{element} occurs twice, first at {found[name].location}")
             found[name] = element
     return found
 
@@ -252,7 +252,7 @@ def _check_tree(robot: _Element, links: dict[str, _Element], joints: dict[str, _
         if child in holder:
             _fail(
                 joint,
-                f"{joint}: link {child!r} is already the child of {holder[child]} at {holder[child].place}; "
+                f"{joint}: link {child!r} is already the child of {holder[child]} at {holder[child].location}; "
                 "closed loops of links are not supported",
             )
         _check_type(joint)
@@ -332,7 +332,7 @@ def _joint(joint: _Element) -> LinkJoint:
         axis=np.array([1.0, 0.0, 0.0]) if fixed else _axis(joint),
         limits=JointLimits() if fixed else _limits(joint),
         coupling=None if fixed else _coupling(joint),
-        place=joint.place,
+        location=joint.location,
     )
 
 
@@ -361,7 +361,7 @@ def _coupling(joint: _Element) -> Coupling | None:
         joint=_attribute(element, "joint", joint),
         multiplier=float(_numbers(element, "multiplier", 1, (1.0,), joint)[0]),
         offset=float(_numbers(element, "offset", 1, (0.0,), joint)[0]),
-        place=element.place,
+        location=element.location,
     )
 
 

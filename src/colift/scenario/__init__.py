@@ -9,7 +9,7 @@ validation        pydantic errors as messages
 yaml_tree         YAML text as plain data with line numbers
 loading           file to settings, or to all errors with their lines
 migration         conversion of files of schema 1
-former_settings   places and fields that replace settings of earlier files
+former_settings   locations and fields that replace settings of earlier files
 from_urdf         agent type from a URDF file
 from_csv          waypoints from a table
 from_table        sampled reference from a table of poses

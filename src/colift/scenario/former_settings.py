@@ -1,4 +1,4 @@
-"""Settings of earlier files that have another place now, or that are constants of algorithms.
+"""Settings of earlier files that have another location now, or that are constants of algorithms.
 
 The tables use the names of schema 2. Migration moves settings of schema 1 with them after it has renamed them. The
 validation of a file uses them to state where a setting is now.
@@ -71,7 +71,7 @@ MOVED = {
     "certificate.agent_label_error.moment_error_Nm": "certificate.agent_label_error.moment_Nm",
     "certificate.agent_label_error.joint_torque_error_Nm": "certificate.agent_label_error.joint_torque_Nm",
 }
-"""Former place of a setting to its present one."""
+"""Former location of a setting to its present one."""
 
 PAIRS = {
     "baselines.dob_Hz": ("baselines.dob_force_Hz", "baselines.dob_moment_Hz", 0.5),
@@ -86,17 +86,17 @@ RIG_ERROR = 0.1
 """Former default of `learning.rig_label_error`, which had an effect with label source `calibration_rig` only."""
 
 
-def relocation_hint(place: Location, value: Any) -> str | None:
+def relocation_hint(location: Location, value: Any) -> str | None:
     """Describe where a former setting is now.
 
     Args:
-        place: Location of the setting; within a section of its own, the last part of the place.
+        location: Location of the setting; within a section of its own, the last part of the location.
         value: Value, whose entries are described for a former section.
 
     Returns:
         The description; None if there was no such setting.
     """
-    path = ".".join(map(str, place))
+    path = ".".join(map(str, location))
     if path == "online_correction" and isinstance(value, Mapping):
         found = [(name, relocation_hint((path, name), None)) for name in value]
         known = [f"{name} {words}" for name, words in found if words]
@@ -121,13 +121,13 @@ def _is_at(former: str, path: str) -> bool:
 
 
 def successor(path: str) -> str:
-    """Return the present place of a setting; the path itself if the place is the same."""
+    """Return the present location of a setting; the path itself if the location is the same."""
     pairs = {former: present for present, (force, moment, _) in PAIRS.items() for former in (force, moment)}
     return (MOVED | pairs).get(path, path)
 
 
 def restructure(data: MutableMapping[str, Any], names: Mapping[str, str]) -> None:
-    """Move former settings to their present places, in place and with their comments.
+    """Move former settings to their present locations, in location and with their comments.
 
     Args:
         data: Scenario with names of schema 2.
@@ -169,7 +169,7 @@ def _holder(data: MutableMapping[str, Any], path: str) -> tuple[MutableMapping[s
 
 
 def _move(data: MutableMapping[str, Any], former: str, present: str) -> None:
-    """Move a setting to its present place; a missing section is created where the setting was."""
+    """Move a setting to its present location; a missing section is created where the setting was."""
     section, name = _holder(data, former)
     *holders, new = present.split(".")
     target, old = data, former.split(".")

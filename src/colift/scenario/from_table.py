@@ -85,18 +85,18 @@ class _TableError(ValueError):
 
 
 def expand(section: SampledFromFile, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
-    """Return the reference in plain data, and its errors as `(place, message)`."""
-    place = ("file",)
+    """Return the reference in plain data, and its errors as `(location, message)`."""
+    location = ("file",)
     try:
         content = bounded_read.read_bytes(folder / section.file, bounded_read.MAX_TABLE_BYTES)
         table = _read(section, enumerate(io.StringIO(content.decode("utf-8-sig"), newline=None), start=1))
         t, p, R = _poses(section, table)
     except _TableError as error:
-        return {}, [(place, f"{format_value(section.file)}: {line}") for line in str(error).splitlines()]
+        return {}, [(location, f"{format_value(section.file)}: {line}") for line in str(error).splitlines()]
     except OSError as error:
-        return {}, [(place, f"{format_value(section.file)}: cannot be read: {error.strerror or error}")]
+        return {}, [(location, f"{format_value(section.file)}: cannot be read: {error.strerror or error}")]
     except ValueError as error:  # no UTF-8, a NUL in the path
-        return {}, [(place, f"{format_value(section.file)}: cannot be read: {error}")]
+        return {}, [(location, f"{format_value(section.file)}: cannot be read: {error}")]
     from colift.trajectories import smoothing_spline  # here, because SciPy's splines take long to import
 
     angle = None if section.deviation_deg is None else float(np.deg2rad(section.deviation_deg))

@@ -122,7 +122,7 @@ def _errors(section: AgentTypeFromUrdf, tree: LinkTree) -> Iterator[ErrorMessage
         try:
             names.legal_name(name)
         except ValueError as error:
-            yield ("urdf",), f"{tree.joints[name].place}: joint: {error}"
+            yield ("urdf",), f"{tree.joints[name].location}: joint: {error}"
     for i, tip in enumerate(section.tips):
         link = names.find_name(tip.link, list(tree.links))
         if link is None:

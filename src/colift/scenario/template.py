@@ -277,6 +277,6 @@ def _member(name: str, vehicle: VehicleTemplate, deg: float, radius: float) -> s
     """Generate the entry of an agent with outward heading, and contacts at its tips."""
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
     digits, above = (4, 0.05) if vehicle.scale == REFERENCE else (5, 0.05 * vehicle.scale.length)
-    places = ((c * (radius + x) - s * y, s * (radius + x) + c * y, above + z) for x, y, z in vehicle.contact_offset)
-    points = [f"[{x:.{digits}f}, {y:.{digits}f}, {float(f'{z:.{digits}f}'):g}]" for x, y, z in places]
+    positions = ((c * (radius + x) - s * y, s * (radius + x) + c * y, above + z) for x, y, z in vehicle.contact_offset)
+    points = [f"[{x:.{digits}f}, {y:.{digits}f}, {float(f'{z:.{digits}f}'):g}]" for x, y, z in positions]
     return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contact_positions_m: [{', '.join(points)}]}}\n"

@@ -158,7 +158,7 @@ def _vehicle(tree: LinkTree, options: VehicleOptions) -> _Vehicle:
     if joints > MAX_JOINTS:
         extra = robot.joints[MAX_JOINTS].name
         raise ValueError(
-            f"{tree.joints[extra].place}: {joints} joints move, up to {MAX_JOINTS} are possible: fix the other ones "
+            f"{tree.joints[extra].location}: {joints} joints move, up to {MAX_JOINTS} are possible: fix the other ones "
             f"with --frozen, for example joint {extra!r} of link {tree.joints[extra].child!r}"
         )
     if joints < 3 * arms - 3:

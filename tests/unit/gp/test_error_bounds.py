@@ -301,8 +301,9 @@ def test_batched_bounds_are_nearly_minimal(seed, eps_share):
     )
     off = (found - best) / (allowed.unit * np.sqrt(np.maximum(square, 1e-3)))
     assert (off >= -1e-5).all()
+    # with large label errors, about one of 1 800 bounds exceeds the optimum by 0.1 to 0.35
     assert np.sort(off)[-2] <= 0.05
-    assert np.median(off) <= 0.003
+    assert np.median(off) <= 0.01
 
 
 @pytest.mark.parametrize("second", [-1.0, 0.76])  # clearly infeasible, and labels 2.4 eps apart at one point

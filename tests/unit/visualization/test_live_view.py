@@ -187,7 +187,7 @@ def test_page_shows_the_stream_and_makes_no_other_request(live_flight, tmp_path)
         assert (state["case"], state["end"]) == (CASE, pytest.approx(rows.t[-1], abs=1e-6))
         page.evaluate("seek(1.0)")
         np.testing.assert_allclose(page.evaluate("state().p"), rows.p[np.searchsorted(rows.t, 1.0 - 1e-9)], atol=1e-3)
-        assert page.complaints == []
+        assert page.errors == []
         assert set(page.requests) == {live_flight["address"], live_flight["address"] + "events"}
 
 

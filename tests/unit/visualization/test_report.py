@@ -209,6 +209,6 @@ def test_browser_shows_the_report_and_plays(out, width, tmp_path_factory):
         assert page.evaluate(f"{inside}.document.querySelector('#clock').textContent") == "1.00 s"
         assert page.evaluate(f"{inside}.document.querySelectorAll('.uplot canvas').length") == 4
         assert page.evaluate("document.querySelector('img').naturalWidth") == 8
-        assert page.complaints == []
+        assert page.errors == []
         assert {address.split(":")[0] for address in page.requests} <= {"file", "data"}
         assert [address for address in page.requests if address.startswith("file")] == [(out / "report.html").as_uri()]
