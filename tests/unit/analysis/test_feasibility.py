@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import pytest
 
-from colift.analysis import feasibility
+from colift.analysis import feasibility, stability
 from colift.scenario import experiment
 from tests.support import paper_flights as paper
 
 
-def test_what_is_known_before_a_flight_is_the_slowest_mode():
+def test_what_is_known_before_a_flight_is_the_slowest_mode(monkeypatch):
     """What is known before a flight is the slowest mode and how much thrust is left."""
     plan = {"C1": paper.plan("C1")}
+    linearize, found = stability.equilibrium_and_jacobian, []
+
+    def once(*arguments):
+        """The linearization takes seconds, and rotors with other limits have the same."""
+        if not found:
+            found.append(linearize(*arguments))
+        return found[0]
+
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", once)
     ahead = feasibility.assess_feasibility(paper.SETTINGS, plan)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]
