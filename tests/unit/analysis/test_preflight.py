@@ -227,6 +227,7 @@ def test_joints_near_a_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch)
 
 def test_the_command_prints_the_findings_and_its_status_says(monkeypatch: pytest.MonkeyPatch):
     """The command prints the findings and its status says whether all is sound."""
+    monkeypatch.delenv("COLUMNS", raising=False)  # pytest-xdist sets it; lines are then broken
     good = found("good")
     *rest, last = good.findings
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
