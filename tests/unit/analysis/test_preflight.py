@@ -242,6 +242,7 @@ def test_joints_near_singular_grasp_are_named(monkeypatch: pytest.MonkeyPatch):
 
 def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch):
     """The command prints the findings, and its exit status states whether all checks pass."""
+    monkeypatch.delenv("COLUMNS", raising=False)  # pytest-xdist sets it; lines are then broken
     good = found("good")
     *rest, last = good.findings
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
