@@ -77,20 +77,29 @@ def _check_class(name: str, part: object) -> None:
     kind, protocol = type(part).__name__, PARTS[name]
     if jax.tree_util.all_leaves([part]):
         raise PartError(f"{name}: {kind} is not a PyTree; decorate the class with `colift.math.pytree.pytree`")
-    required = [method for method in vars(protocol) if not method.startswith("_") and callable(vars(protocol)[method])]
-    if missing := [method for method in required if not callable(getattr(part, method, None))]:
+    if missing := [method for method in _methods(protocol) if not callable(getattr(part, method, None))]:
         raise PartError(f"{name}: {kind} has no method {', '.join(missing)}; {protocol.__name__} requires it")
 
 
 class _CheckedPart:
-    """Stand-in for a part that checks every call."""
+    """Stand-in for a part that checks every call.
+
+    The methods of the interface are attributes: since Python 3.12 `isinstance` of a protocol ignores `__getattr__`.
+    """
 
     def __init__(self, name: str, part: object) -> None:
         self._name, self._part = name, part
+        for method in _methods(PARTS[name]):
+            setattr(self, method, self.__getattr__(method))
 
     def __getattr__(self, method: str) -> Any:
         value = getattr(self._part, method)
         return _checked(self._name, type(self._part).__name__, method, value) if callable(value) else value
+
+
+def _methods(protocol: type) -> list[str]:
+    """Return the names of the methods of an interface."""
+    return [name for name, value in vars(protocol).items() if not name.startswith("_") and callable(value)]
 
 
 def _checked(name: str, kind: str, method: str, function: Callable[..., Any]) -> Callable[..., Any]:

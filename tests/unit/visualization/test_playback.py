@@ -299,7 +299,7 @@ def test_seek_moves_the_payload_by_what_the_log_says(page, flown, case):
 def test_a_seek_is_seen(page):
     before = part(page, "#stage")
     page.evaluate("seek(1.2)")
-    page.transient_time()
+    page.settle()
     assert differ(before, part(page, "#stage")) > 500
     assert page.evaluate("document.querySelector('#clock').textContent") == "1.20 s"
     assert page.evaluate("document.querySelector('#mode').textContent") == "C3: learning ended, 1 of 1 updates"
@@ -346,10 +346,10 @@ def test_faster_is_faster_and_a_button_that_was_pressed(page):
 def test_cases_are_chosen_and_others_are_ghosts(page):
     page.evaluate("seek(1.4)")
     assert page.evaluate("state().case") == "C3"
-    page.transient_time()
+    page.settle()
     with_ghost = part(page, "#stage")
     page.evaluate("document.querySelector('#ghosts').click()")
-    page.transient_time()
+    page.settle()
     assert not page.evaluate("state().ghosts")
     assert differ(with_ghost, part(page, "#stage")) > 50
     page.evaluate("document.querySelector('.chip').click()")
@@ -362,7 +362,7 @@ def test_arrows_are_left_out_one_kind_at_a_time(page):
     for kind in playback.ARROWS:
         before = part(page, "#stage")
         page.evaluate(f"document.querySelector('#legend .{kind} input').click()")
-        page.transient_time()
+        page.settle()
         assert differ(before, part(page, "#stage")) > 30, kind
 
 
