@@ -297,7 +297,7 @@ def test_all_at_once_bounds_are_nearly_the_least(seed, eps_share):
     off = (found - best) / (allowed.unit * np.sqrt(np.maximum(square, 1e-3)))
     assert (off >= -1e-5).all()
     assert off.max() <= 0.05
-    assert np.median(off) <= 0.003
+    assert np.median(off) <= 0.02
 
 
 @pytest.mark.parametrize("second", [-1.0, 0.76])  # far beyond, and by 1.2 eps each way at one point
