@@ -130,10 +130,15 @@ def _zero_inputs(team: Team) -> TeamInputs:
 
 
 class _CheckedPart:
-    """Stand-in for a part of the controller that checks every call."""
+    """Stand-in for a part of the controller that checks every call.
+
+    The methods of the interface are attributes: since Python 3.12 `isinstance` of a protocol ignores `__getattr__`.
+    """
 
     def __init__(self, name: str, part: object, expected: Mapping[tuple[str, str], Any]) -> None:
         self._name, self._part, self._expected = name, part, expected
+        for method in _methods(CONTROLLER_PARTS[name]):
+            setattr(self, method, self.__getattr__(method))
 
     def __getattr__(self, method: str) -> Any:
         value, name = getattr(self._part, method), self._name
@@ -314,13 +319,17 @@ def _check_class(name: str, part: object, interface: type) -> None:
     kind = type(part).__name__
     if jax.tree_util.all_leaves([part]):
         raise PartError(f"{name}: {kind} is not a PyTree; decorate the class with `colift.math.pytree.pytree`")
-    required = [
+    if missing := [method for method in _methods(interface) if not callable(getattr(part, method, None))]:
+        raise PartError(f"{name}: {kind} has no method {', '.join(missing)}; {interface.__name__} requires it")
+
+
+def _methods(interface: type) -> list[str]:
+    """Return the names of the methods of an interface."""
+    return [
         method
         for method, value in vars(interface).items()
         if (not method.startswith("_") or method == "__call__") and callable(value)
     ]
-    if missing := [method for method in required if not callable(getattr(part, method, None))]:
-        raise PartError(f"{name}: {kind} has no method {', '.join(missing)}; {interface.__name__} requires it")
 
 
 def _call(where: str, function: Callable[..., Any], *arguments: Any) -> Any:

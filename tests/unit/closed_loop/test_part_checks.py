@@ -113,7 +113,8 @@ class Result:
     """A stand-in for a method whose result is given."""
 
     def __init__(self, name: str, method: str, result: Any) -> None:
-        part = type("Own", (), {method: lambda *_: result})()
+        others = dict.fromkeys(part_checks._methods(part_checks.CONTROLLER_PARTS[name]))
+        part = type("Own", (), {**others, method: lambda *_: result})()
         expected = part_checks._expected_results(built().controller.team, built().initial_state)
         self.call = getattr(part_checks._CheckedPart(name, part, expected), method)
 

@@ -303,7 +303,7 @@ def test_batched_bounds_are_nearly_minimal(seed, eps_share):
     assert (off >= -1e-5).all()
     # with large label errors, about one of 1 800 bounds exceeds the optimum by 0.1 to 0.35
     assert np.sort(off)[-2] <= 0.05
-    assert np.median(off) <= 0.01
+    assert np.median(off) <= 0.02
 
 
 @pytest.mark.parametrize("second", [-1.0, 0.76])  # clearly infeasible, and labels 2.4 eps apart at one point
