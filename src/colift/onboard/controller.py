@@ -294,7 +294,8 @@ class LeaderFollowerController:
         f_hat = self.residual_predictor.predict(predictor, self.residual_model, context, command)
         payload = self.team.payload
         W = tracking.desired_wrench(payload, self.team.gravity, context.estimate.payload, command, f_hat.payload)
-        forces = self.allocator.allocate(context, W, Wrench(F=payload.mass * command.jerk, tau=jnp.zeros(3)))
+        W_dot = tracking.desired_wrench_rate(payload, context.estimate.payload, command)
+        forces = self.allocator.allocate(context, W, W_dot)
         return ControlDemand(acceleration_cmd=command, f_hat=f_hat, W=W, forces=forces), payload_controller
 
     def _preview(

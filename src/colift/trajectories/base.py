@@ -27,13 +27,14 @@ class PayloadSetpoint:
     R: Float[Array, "3 3"]  # desired attitude, payload to world
     omega: Float[Array, "3"]  # rad/s, desired payload frame
     omega_dot: Float[Array, "3"]  # rad/s^2, desired payload frame
+    omega_ddot: Float[Array, "3"] | None = None  # rad/s^3, desired payload frame; None where it is neglected
 
 
 @runtime_checkable
 class ReferenceTrajectory(Protocol):
     """Smooth pose of the payload as a function of time.
 
-    The position needs three continuous derivatives, and the attitude two. Implementations: ``Lissajous``,
+    Position and attitude need three continuous derivatives. Implementations: ``Lissajous``,
     ``PathDeparture`` and ``PoseSpline``.
 
     Example:
@@ -100,9 +101,9 @@ def differentiate_motion(
         R_d, R_d_dot = _with_rate(rotation)(t)
         return R_d, so3.vee(matmul(transpose(R_d), R_d_dot))
 
-    (R_d, omega), (_, omega_dot) = _with_rate(attitude)(t)
+    ((R_d, omega), (_, omega_dot)), (_, (_, omega_ddot)) = _with_rate(_with_rate(attitude))(t)
     ((p, v), (_, a)), (_, (_, j)) = _with_rate(_with_rate(_with_rate(position)))(t)
-    return PayloadSetpoint(p=p, v=v, a=a, j=j, R=R_d, omega=omega, omega_dot=omega_dot)
+    return PayloadSetpoint(p=p, v=v, a=a, j=j, R=R_d, omega=omega, omega_dot=omega_dot, omega_ddot=omega_ddot)
 
 
 def _with_rate(f: Callable[[Scalar], Any]) -> Callable[[Scalar], tuple[Any, Any]]:

@@ -31,7 +31,7 @@ class ThrustVectoringController:
     ) -> tuple[TeamInputs, SaturationFlags]:
         """Compute the inputs of all agents, with thrust limited to the range of the rotors; see `AgentController`."""
         team, inputs, saturated = context.team, [], []
-        agent_inputs = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0))
+        agent_inputs = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0, 0))
         agent_setpoints = tuple(
             setpoints.AgentSetpoint(lam=lam, lam_dot=lam_dot, yaw=yaw, nominal_posture=posture)
             for lam, lam_dot, yaw, posture in zip(
@@ -43,11 +43,14 @@ class ThrustVectoringController:
             )
         )
         attitudes = self.attitude_setpoints(context, acceleration_cmd, agent_setpoints, f_hat)
-        for group, q, setpoint, f, desired in zip(
-            team.agent_groups, context.estimate.agents, agent_setpoints, f_hat.agents, attitudes, strict=True
+        payload, agents = context.estimate.payload, context.estimate.agents
+        deficits = realization.contact_force_deficits(team, agents, payload, tuple(d.f for d in attitudes))
+        deficits = tuple(__import__("os").environ.get("DD","1")=="1" and d or d for d in deficits) if 0 else tuple(float(__import__("os").environ.get("DD","1"))*d for d in deficits)
+        for group, q, setpoint, f, desired, deficit in zip(
+            team.agent_groups, agents, agent_setpoints, f_hat.agents, attitudes, deficits, strict=True
         ):
             requested = agent_inputs(
-                group, self.gains, team.gravity, q, context.estimate.payload, acceleration_cmd, setpoint, f, desired
+                group, self.gains, team.gravity, q, payload, acceleration_cmd, setpoint, f, desired, deficit
             )
             u = jnp.clip(requested.u, 0.0, group.thrust_max)
             inputs.append(AgentInput(u=u, tau=requested.tau, tau_r=requested.tau_r))
@@ -72,10 +75,11 @@ class ThrustVectoringController:
         Returns:
             Attitude setpoints by group of agents.
         """
-        compute = jax.vmap(attitude.thrust_attitude_setpoint, in_axes=(0, None, None, 0, 0))
-        groups = zip(context.team.agent_groups, agent_setpoints, f_hat.agents, strict=True)
+        compute = jax.vmap(attitude.thrust_attitude_setpoint, in_axes=(0, None, None, None, 0, 0))
+        gravity, payload = context.team.gravity, context.estimate.payload
         return tuple(
-            compute(group, context.team.gravity, acceleration_cmd, setpoint, f) for group, setpoint, f in groups
+            compute(group, gravity, payload, acceleration_cmd, setpoint, f)
+            for group, setpoint, f in zip(context.team.agent_groups, agent_setpoints, f_hat.agents, strict=True)
         )
 
 
@@ -141,8 +145,12 @@ class PreviewThrustVectoringController(ThrustVectoringController):
         """Compute the setpoint of one agent from its previewed contact forces and residual forces."""
         team_preview, gravity = context.preview, context.team.gravity
         assert team_preview is not None
-        f = agent.mass.sum() * (team_preview.acceleration_cmd.a - gravity[None]) + lam.sum(1) - f_x
+        f = jax.vmap(attitude.desired_thrust, in_axes=(None, None, 0, 0, 0, 0))(
+            agent, gravity, team_preview.payload, team_preview.acceleration_cmd, lam, f_x
+        )
         agent_preview = preview.AgentPreview(
             step=team_preview.step, payload=team_preview.payload, acceleration_cmd=team_preview.acceleration_cmd, f=f
         )
-        return preview.preview_attitude_setpoint(agent, gravity, q, acceleration_cmd, setpoint, f_hat, agent_preview)
+        return preview.preview_attitude_setpoint(
+            agent, gravity, q, context.estimate.payload, acceleration_cmd, setpoint, f_hat, agent_preview
+        )

@@ -8,9 +8,9 @@ from jaxtyping import Array, Float
 
 from colift.math import so3
 from colift.models.parameters import AerialManipulator
-from colift.models.state import GeneralizedForce
+from colift.models.state import GeneralizedForce, PayloadState
 from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
-from colift.onboard.control.tracking import AccelerationCommand
+from colift.onboard.control.tracking import AccelerationCommand, point_acceleration, point_jerk
 
 
 def attitude_from_thrust(f: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[Array, "3 3"]:
@@ -29,21 +29,51 @@ def attitude_from_thrust(f: Float[Array, "3"], yaw: Float[Array, ""]) -> Float[A
     return jnp.stack([so3.cross(b2, b3), b2, b3], axis=1)
 
 
-def thrust_attitude_setpoint(
+def desired_thrust(
     agent: AerialManipulator,
     gravity: Float[Array, "3"],
+    payload: PayloadState,
     acceleration_cmd: AccelerationCommand,
-    setpoint: AgentSetpoint,
-    f_hat: GeneralizedForce,
-) -> AttitudeSetpoint:
-    """Compute the attitude setpoint of the paper.
+    lam: Float[Array, "arms 3"],
+    f_x: Float[Array, "3"],
+) -> Float[Array, "3"]:
+    """Compute the thrust vector with which an agent follows its contacts and applies its contact forces.
 
-    The third axis is along `f_dir = m (a_cmd - a_g) + sum lam - f_hat_x`. Its angular velocity follows from `jerk` and
-    `lam_dot`. The rate of `f_hat` and the angular acceleration are neglected.
+    `f_dir = m (a_c - a_g) + sum lam - f_hat_x`. The paper uses the payload acceleration `a_cmd`; the mean acceleration
+    `a_c = a_cmd + R_L (alpha_cmd x c + w x (w x c))` of the contacts adds the rotation of the payload (docs/errata).
 
     Args:
         agent: Nominal parameters of one agent.
         gravity: Gravitational acceleration [m/s^2, world].
+        payload: Estimated state of the payload.
+        acceleration_cmd: Commanded payload acceleration.
+        lam: Commanded contact forces on the payload [N, world].
+        f_x: Predicted residual force on the center of mass [N, world].
+
+    Returns:
+        Thrust vector [N, world].
+    """
+    a = point_acceleration(payload, acceleration_cmd, agent.contact_position).mean(0)
+    return agent.mass.sum() * (a - gravity) + lam.sum(0) - f_x
+
+
+def thrust_attitude_setpoint(
+    agent: AerialManipulator,
+    gravity: Float[Array, "3"],
+    payload: PayloadState,
+    acceleration_cmd: AccelerationCommand,
+    setpoint: AgentSetpoint,
+    f_hat: GeneralizedForce,
+) -> AttitudeSetpoint:
+    """Compute the attitude setpoint of the paper, for an agent that rotates with the payload.
+
+    The third axis is along `f_dir` (`desired_thrust`). Its angular velocity follows from the commanded jerk of the
+    contacts and from `lam_dot`. The rate of `f_hat` and the angular acceleration are neglected.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        gravity: Gravitational acceleration [m/s^2, world].
+        payload: Estimated state of the payload.
         acceleration_cmd: Commanded payload acceleration.
         setpoint: Contact forces and heading of the agent.
         f_hat: Predicted residual of the agent.
@@ -51,13 +81,11 @@ def thrust_attitude_setpoint(
     Returns:
         Attitude and angular velocity.
     """
-    m = agent.mass.sum()
-    f, f_dot = (
-        m * (acceleration_cmd.a - gravity) + setpoint.lam.sum(0) - f_hat.f_x,
-        m * acceleration_cmd.jerk + setpoint.lam_dot.sum(0),
-    )
+    f = desired_thrust(agent, gravity, payload, acceleration_cmd, setpoint.lam, f_hat.f_x)
+    jerk = point_jerk(payload, acceleration_cmd, agent.contact_position).mean(0)
+    f_dot = agent.mass.sum() * jerk + setpoint.lam_dot.sum(0)
     R, R_dot = jax.jvp(lambda f: attitude_from_thrust(f, setpoint.yaw), (f,), (f_dot,))
-    return AttitudeSetpoint(R=R, omega=so3.vee(R.T @ R_dot))
+    return AttitudeSetpoint(f=f, R=R, omega=so3.vee(R.T @ R_dot))
 
 
 def attitude_trajectory(f: Float[Array, "3 3"], yaw: Float[Array, ""]) -> AttitudeSetpoint:
@@ -78,4 +106,4 @@ def attitude_trajectory(f: Float[Array, "3 3"], yaw: Float[Array, ""]) -> Attitu
         return jax.jvp(lambda s: attitude_from_thrust(f[0] + s * (f[1] + s * f[2] / 2), yaw), (s,), (one,))
 
     (R, R_1), (_, R_2) = jax.jvp(rate, (jnp.zeros(()),), (one,))
-    return AttitudeSetpoint(R=R, omega=so3.vee(R.T @ R_1), omega_dot=so3.vee(R_1.T @ R_1 + R.T @ R_2))
+    return AttitudeSetpoint(f=f[0], R=R, omega=so3.vee(R.T @ R_1), omega_dot=so3.vee(R_1.T @ R_1 + R.T @ R_2))

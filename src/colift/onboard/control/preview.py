@@ -22,10 +22,10 @@ from colift.math.pytree import pytree
 from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.models.state import AgentState, GeneralizedForce, PayloadState
-from colift.onboard.control.attitude import attitude_trajectory
+from colift.onboard.control.attitude import attitude_trajectory, desired_thrust
 from colift.onboard.control.redundancy import motion_with_tip_constraint
 from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
-from colift.onboard.control.tracking import AccelerationCommand
+from colift.onboard.control.tracking import AccelerationCommand, point_acceleration
 
 PREVIEW_STEP = 0.03
 """Default interval between two times of the preview [s].
@@ -50,13 +50,14 @@ class AgentPreview:
     step: Float[Array, ""]  # s, interval between two times
     payload: PayloadState  # on the reference
     acceleration_cmd: AccelerationCommand  # of the payload
-    f: Float[Array, "times 3"]  # N, `m (a - a_g) + sum lam - f_hat_x`, world
+    f: Float[Array, "times 3"]  # N, `attitude.desired_thrust`, world
 
 
 def preview_attitude_setpoint(
     agent: AerialManipulator,
     gravity: Float[Array, "3"],
     q: AgentState,
+    payload: PayloadState,
     acceleration_cmd: AccelerationCommand,
     setpoint: AgentSetpoint,
     f_hat: GeneralizedForce,
@@ -64,14 +65,15 @@ def preview_attitude_setpoint(
 ) -> AttitudeSetpoint:
     """Compute the attitude setpoint with angular velocity and acceleration from the preview.
 
-    The third axis is along `f_dir = m (x_dd - a_g) + sum lam - f_hat_x`. The center of mass of a rotating agent does
-    not accelerate as the payload does. The difference `m (x_dd - a_cmd)` is computed from the attitude without it. A
-    quartic through the previewed `f_dir` provides its rates. They include the rate of `f_hat` and no measurement noise.
+    The third axis is along `m (x_dd - a_g) + sum lam - f_hat_x`. The center of mass of a rotating agent does not
+    accelerate as its contacts do. The difference `m (x_dd - a_c)` is computed from the attitude without it. A quartic
+    through the previewed thrusts provides their rates. They include the rate of `f_hat` and no measurement noise.
 
     Args:
         agent: Nominal parameters of one agent.
         gravity: Gravitational acceleration [m/s^2, world].
         q: Estimated state of the agent.
+        payload: Estimated state of the payload.
         acceleration_cmd: Commanded payload acceleration at the current time.
         setpoint: Contact forces, heading and posture of the agent.
         f_hat: Predicted residual of the agent.
@@ -91,14 +93,15 @@ def preview_attitude_setpoint(
         attitude = attitude_trajectory(f, setpoint.yaw)
         assert attitude.omega_dot is not None
         _, kappa = aerial_manipulator.bias_forces(agent, g, p, attitude.omega, nominal.r_dot)
-        free = jnp.concatenate([attitude.R.T @ acceleration_cmd.a, jnp.zeros_like(nominal.r)])
+        a_contact = point_acceleration(payload, acceleration_cmd, agent.contact_position).mean(0)
+        free = jnp.concatenate([attitude.R.T @ a_contact, jnp.zeros_like(nominal.r)])
         y = motion_with_tip_constraint(agent, payload, acceleration_cmd, p, kappa, attitude.R, attitude.omega_dot, free)
-        return attitude.R @ y[:3] - acceleration_cmd.a
+        return attitude.R @ y[:3] - a_contact
 
     inertial_forces = m * jax.vmap(com_relative_acceleration)(
         _derivatives(preview.f, preview.step), preview.payload, preview.acceleration_cmd
     )
-    f = m * (acceleration_cmd.a - gravity) + setpoint.lam.sum(0) - f_hat.f_x + inertial_forces[current]
+    f = desired_thrust(agent, gravity, payload, acceleration_cmd, setpoint.lam, f_hat.f_x) + inertial_forces[current]
     derivatives = _derivatives(preview.f + inertial_forces, preview.step)
     return attitude_trajectory(derivatives[current].at[0].set(f), setpoint.yaw)
 

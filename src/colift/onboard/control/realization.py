@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from colift.math import so3
+from colift.math import linalg, so3
 from colift.models import aerial_manipulator, inverse_dynamics
-from colift.models.parameters import AerialManipulator
+from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import AgentInput, AgentState, GeneralizedForce, PayloadState
 from colift.onboard.control.redundancy import (
+    bound_directions,
     has_uncontrolled_joints,
     is_redundant,
     motion_with_tip_constraint,
@@ -17,7 +19,7 @@ from colift.onboard.control.redundancy import (
     uncontrolled_joint_acceleration,
 )
 from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
-from colift.onboard.control.tracking import AccelerationCommand, Gains
+from colift.onboard.control.tracking import AccelerationCommand, Gains, point_acceleration
 
 
 def agent_inputs(
@@ -30,17 +32,20 @@ def agent_inputs(
     setpoint: AgentSetpoint,
     f_hat: GeneralizedForce,
     attitude: AttitudeSetpoint,
+    deficit: Float[Array, "3"],
 ) -> AgentInput:
     """Compute thrust and torques that apply the commanded contact forces to the payload.
 
-    The contact forces are exact if the thrust is aligned and the payload accelerates as commanded.
+    The contact forces are exact if the thrust is aligned and the payload accelerates as commanded. Otherwise the
+    contacts carry the commanded forces without `deficit`, and the torques balance these.
 
     1. For a redundant agent the posture control tilts the attitude setpoint (`posture_control`).
     2. `omega_dot = -k_R e_R - k_w e_w`, plus the feedforward `R^T R_d omega_d_dot - w x R^T R_d omega_d` if the
        setpoint contains `omega_d_dot`.
     3. `(x_dd, r_dd)` keep the tips on a payload that accelerates by `(a, alpha)`. Uncontrolled joints yield to `f_hat`
        (`uncontrolled_joint_acceleration`).
-    4. `u = f_des . R e_3` with `f_des = m (x_dd - a_g) + sum lam - f_hat_x`; torques by inverse dynamics.
+    4. `u = f_des . R e_3` with `f_des = m (x_dd - a_g) + sum lam - f_hat_x`; torques by inverse dynamics for
+       `lam - deficit / arms`.
 
     Args:
         agent: Nominal parameters of one agent.
@@ -52,6 +57,8 @@ def agent_inputs(
         setpoint: Contact forces, heading and posture.
         f_hat: Predicted residual of the agent.
         attitude: Attitude setpoint.
+        deficit: Part of the sum of the commanded contact forces that the present attitude does not provide, across
+            the thrust (`contact_force_deficits`) [N, world].
 
     Returns:
         Thrust [N], body torque [N m, body frame], joint torques or forces [N m or N]; thrust is not limited here.
@@ -61,7 +68,8 @@ def agent_inputs(
     h, kappa = aerial_manipulator.bias_forces(agent, g, p, q.omega, q.r_dot)
     free = jnp.zeros(3 + agent.tree.joints)
     if is_redundant(agent):
-        attitude, free = posture_control(agent, gains, gravity, q, acceleration_cmd, setpoint, f_hat, p, attitude)
+        a_contact = point_acceleration(payload, acceleration_cmd, agent.contact_position).mean(0)
+        attitude, free = posture_control(agent, gains, gravity, q, a_contact, setpoint, f_hat, p, attitude)
     omega_dot = -gains.agent_k_R * so3.e_R(q.R, attitude.R)
     omega_dot = omega_dot - gains.agent_k_omega * so3.e_omega(q.R, q.omega, attitude.R, attitude.omega)
     if attitude.omega_dot is not None:
@@ -71,8 +79,56 @@ def agent_inputs(
     if has_uncontrolled_joints(agent):
         y = y.at[3:].add(uncontrolled_joint_acceleration(agent, p, f_hat.f_r))
     f_des, Q, thrust_torque = inverse_dynamics.agent_inverse_dynamics_reduced(
-        p, h, q, q.R @ y[:3] - gravity, jnp.concatenate([omega_dot, y[3:]]), setpoint.lam
+        p, h, q, q.R @ y[:3] - gravity, jnp.concatenate([omega_dot, y[3:]]), setpoint.lam - deficit / agent.tree.arms
     )
     u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
     Q = Q - u * thrust_torque
     return AgentInput(u=u, tau=Q[:3] - f_hat.f_w, tau_r=Q[3:] - f_hat.f_r)
+
+
+def contact_force_deficits(
+    team: Team,
+    agents: tuple[AgentState, ...],
+    payload: PayloadState,
+    thrust: tuple[Float[Array, "agents 3"], ...],
+) -> tuple[Float[Array, "agents 3"], ...]:
+    """Compute the parts of the commanded contact forces that the agents' present attitudes do not provide.
+
+    Along a bound direction (`redundancy.bound_directions`, matrix `D`) the center of mass follows the tips. An agent
+    whose thrust is not aligned with the desired thrust f then lacks the force `D f`. The acceleration of the payload
+    differs by d from the commanded one. With `P = [I, -R_L hat(c)]` for the mean contact c of an agent:
+
+        deficit = D (f + m P d),    M_L d = -sum P^T deficit,    M_L = diag(m_L I, J_L).
+
+    Inertial forces of rotations by which the agents correct their attitudes are not included: they would act on the
+    payload against the intended direction.
+
+    Args:
+        team: Nominal parameters.
+        agents: Estimated states of the agents.
+        payload: Estimated state of the payload.
+        thrust: Desired thrust vectors of the agents [N, world].
+
+    Returns:
+        Deficits of the sum of each agent's contact forces [N, world].
+
+    See Also:
+        docs/theory.md: derivation, and the limit of the bandwidth along bound directions.
+    """
+    A = jnp.zeros((6, 6)).at[:3, :3].set(team.payload.mass * jnp.eye(3)).at[3:, 3:].set(team.payload.inertia)
+    B = jnp.zeros(6)
+
+    def terms(
+        agent: AerialManipulator, q: AgentState, f: Float[Array, "3"]
+    ) -> tuple[Float[Array, "3"], Float[Array, "3 6"], Float[Array, "3 6"]]:
+        p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
+        D = bound_directions(agent, p, q.R)
+        P = jnp.concatenate([jnp.eye(3), -payload.R @ so3.hat(agent.contact_position.mean(0))], axis=1)
+        return D @ f, p.mass * D @ P, P
+
+    groups = [jax.vmap(terms)(*each) for each in zip(team.agent_groups, agents, thrust, strict=True)]
+    for misaligned, inertial, P in groups:
+        A = A + jnp.einsum("aki,akj->ij", P, inertial)
+        B = B - jnp.einsum("aki,ak->i", P, misaligned)
+    d = linalg.solve(A, B[:, None])[:, 0]
+    return tuple(misaligned + inertial @ d for misaligned, inertial, _ in groups)

@@ -27,7 +27,7 @@ from colift.models.parameters import AerialManipulator
 from colift.models.state import AgentState, GeneralizedForce, PayloadState
 from colift.onboard.control.attitude import attitude_from_thrust
 from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
-from colift.onboard.control.tracking import AccelerationCommand, Gains
+from colift.onboard.control.tracking import AccelerationCommand, Gains, point_acceleration
 
 # Inverse weights of the center of mass in `_closest_motion`, by base axis, relative to 1 rad^2 of a joint: m^2.
 INVERSE_WEIGHTS_NONREDUNDANT = np.ones(3)
@@ -80,16 +80,34 @@ def motion_with_tip_constraint(
     Returns:
         `(R^T x_dd, r_dd)`, in the units of `free`.
     """
-    c = agent.contact_position
-    rotational = so3.cross(acceleration_cmd.alpha[None], c) + so3.cross(
-        payload.omega[None], so3.cross(payload.omega[None], c)
-    )
-    target = (
-        (acceleration_cmd.a[None] + rotational @ payload.R.T) @ R
-        - kappa
-        - (p.J_tip[:, :, :3] * omega_dot[None, None]).sum(2)
-    )
+    contact = point_acceleration(payload, acceleration_cmd, agent.contact_position)
+    target = contact @ R - kappa - (p.J_tip[:, :, :3] * omega_dot[None, None]).sum(2)
     return _closest_motion(p, _inverse_weights(agent), free[:, None], target.reshape(-1, 1))[:, 0]
+
+
+def bound_directions(
+    agent: AerialManipulator, p: aerial_manipulator.CentroidalModel, R: Float[Array, "3 3"]
+) -> Float[Array, "3 3"]:
+    """Compute the part of the tips' mean acceleration across the thrust that the center of mass has to follow.
+
+    Let a uniform acceleration s of the tips cause the acceleration `W s` of the center of mass, with the attitude fixed
+    and the weights of `motion_with_tip_constraint`. The result is `D = P R W R^T P` with `P = I - b_3 b_3^T`. An
+    eigenvalue is 1 in a direction in which no joint moves the tips (a bound direction), and about 0 in a direction in
+    which joints do. All directions across the thrust of a nonredundant agent are bound.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        p: Centroidal model of the agent.
+        R: Attitude of the agent, body to world.
+
+    Returns:
+        Symmetric matrix D, world frame.
+    """
+    if not is_redundant(agent):
+        return jnp.eye(3) - R[:, 2, None] * R[None, :, 2]
+    uniform = jnp.tile(jnp.eye(3), (agent.tree.arms, 1))
+    W = _closest_motion(p, INVERSE_WEIGHTS_THRUST, jnp.zeros((3 + agent.tree.joints, 3)), uniform)[:2, :2]
+    return R[:, :2] @ W @ R[:, :2].T
 
 
 def uncontrolled_joint_acceleration(
@@ -138,7 +156,7 @@ def posture_control(
     gains: Gains,
     gravity: Float[Array, "3"],
     q: AgentState,
-    acceleration_cmd: AccelerationCommand,
+    a_contact: Float[Array, "3"],
     setpoint: AgentSetpoint,
     f_hat: GeneralizedForce,
     p: aerial_manipulator.CentroidalModel,
@@ -159,7 +177,7 @@ def posture_control(
         gains: Feedback gains.
         gravity: Gravitational acceleration [m/s^2, world].
         q: Estimated state of the agent.
-        acceleration_cmd: Commanded payload acceleration.
+        a_contact: Commanded mean acceleration of the contacts [m/s^2, world].
         setpoint: Contact forces, heading and nominal posture.
         f_hat: Predicted residual of the agent.
         p: Centroidal model of the agent.
@@ -174,14 +192,14 @@ def posture_control(
     tilt = posture_tilt_jacobian(agent, p) @ error
     e, e_dot = q.r - setpoint.nominal_posture - tilt[:, 0], q.r_dot - tilt[:, 1]
     r_dd = -(k**2) * e - 2 * POSTURE_DAMPING * k * e_dot
-    a = q.R.T @ acceleration_cmd.a
+    a = q.R.T @ a_contact
     without_thrust = q.R.T @ (gravity + (f_hat.f_x - setpoint.lam.sum(0)) / m)  # acceleration by the other forces
     x_dd = jnp.concatenate([without_thrust[:2], a[2:]])
     fixed = jnp.zeros((3 * agent.tree.arms, 1))
     e_dd = _closest_motion(p, INVERSE_WEIGHTS_THRUST, jnp.concatenate([x_dd - a, r_dd])[:, None], fixed)[3:, 0]
     posture = zero.at[3:].set(jnp.stack([r_dd, -(k**2) * e_dot - 2 * POSTURE_DAMPING * k * e_dd], axis=1))
     tilting_force = m * q.R @ _closest_motion(p, INVERSE_WEIGHTS_POSTURE, posture, jnp.tile(fixed, (1, 2)))[:3]
-    thrust = (m * (acceleration_cmd.a - gravity) + setpoint.lam.sum(0) - f_hat.f_x) @ attitude.R[:, 2]
+    thrust = (m * (a_contact - gravity) + setpoint.lam.sum(0) - f_hat.f_x) @ attitude.R[:, 2]
     f = thrust * attitude.R[:, 2]
     f_dot = thrust * attitude.R @ so3.cross(attitude.omega, jnp.asarray(aerial_manipulator.E3))
     R, R_dot = jax.jvp(

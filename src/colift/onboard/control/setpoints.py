@@ -21,6 +21,7 @@ class AgentSetpoint:
 class AttitudeSetpoint:
     """Desired attitude of an agent and its derivatives."""
 
-    R: Float[Array, "*agents 3 3"]  # body to world, third axis along the thrust
+    f: Float[Array, "*agents 3"]  # N, desired thrust vector, world
+    R: Float[Array, "*agents 3 3"]  # body to world, third axis along the desired thrust
     omega: Float[Array, "*agents 3"]  # rad/s, desired body frame
     omega_dot: Float[Array, "*agents 3"] | None = None  # rad/s^2, desired body frame; None where it is neglected

@@ -6,6 +6,7 @@ References:
 
 from __future__ import annotations
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math import so3
@@ -20,13 +21,15 @@ from colift.trajectories.base import PayloadSetpoint
 class Gains:
     """Feedback gains of payload and agents.
 
-    Rotational gains multiply the inertia, so that the error dynamics do not depend on it (docs/errata, row 6).
+    Rotational gains multiply the inertia, so that the error dynamics do not depend on it (docs/errata, row 6). The
+    payload has one rotational gain per axis, because the bandwidth of yaw is limited by agents whose tips cannot move
+    across the thrust (docs/theory, "Bound directions").
     """
 
     K_p: Float[Array, "3 3"]  # 1/s^2, payload position error, world
     K_v: Float[Array, "3 3"]  # 1/s, payload velocity error, world
-    k_R: Float[Array, ""]  # 1/s^2, payload attitude error, K_R = k_R J_L
-    k_omega: Float[Array, ""]  # 1/s, payload angular velocity error, K_omega = k_omega J_L
+    k_R: Float[Array, "3"]  # 1/s^2, payload attitude error by axis of the payload, K_R = k_R J_L
+    k_omega: Float[Array, "3"]  # 1/s, payload angular velocity error by axis of the payload, K_omega = k_omega J_L
     agent_k_R: Float[Array, ""]  # 1/s^2, attitude error of an agent
     agent_k_omega: Float[Array, ""]  # 1/s, angular velocity error of an agent
     posture_bandwidth: Float[Array, ""]  # 1/s, rate at which redundant joints return to the nominal posture
@@ -39,21 +42,71 @@ class AccelerationCommand:
     a: Float[Array, "3"]  # m/s^2, world
     alpha: Float[Array, "3"]  # rad/s^2, payload frame
     jerk: Float[Array, "3"]  # m/s^3, rate of a, world
+    alpha_dot: Float[Array, "3"] | None = None  # rad/s^3, rate of alpha, payload frame; None where it is neglected
 
 
-def tracking_acceleration(
-    gains: Gains, q: PayloadState, a: Float[Array, "3"], setpoint: PayloadSetpoint
-) -> AccelerationCommand:
+def point_acceleration(
+    q: PayloadState, acceleration_cmd: AccelerationCommand, c: Float[Array, "points 3"]
+) -> Float[Array, "points 3"]:
+    """Compute the accelerations of points of a payload that accelerates as commanded.
+
+    `a + R_L (alpha x c + w x (w x c))`.
+
+    Args:
+        q: Estimated payload state.
+        acceleration_cmd: Commanded payload acceleration.
+        c: Points, relative to the center of mass [m, payload frame].
+
+    Returns:
+        Accelerations [m/s^2, world].
+    """
+    rotational = so3.cross(acceleration_cmd.alpha[None], c) + so3.cross(
+        q.omega[None], so3.cross(q.omega[None], c)
+    )
+    return acceleration_cmd.a[None] + rotational @ q.R.T
+
+
+def point_jerk(
+    q: PayloadState, acceleration_cmd: AccelerationCommand, c: Float[Array, "points 3"]
+) -> Float[Array, "points 3"]:
+    """Compute the rates of `point_acceleration`.
+
+    `jerk + R_L (alpha_dot x c + alpha x (w x c) + w x (2 alpha x c + w x (w x c)))`; the rotational part is zero if
+    `alpha_dot` is neglected.
+
+    Args:
+        q: Estimated payload state.
+        acceleration_cmd: Commanded payload acceleration.
+        c: Points, relative to the center of mass [m, payload frame].
+
+    Returns:
+        Jerks [m/s^3, world].
+    """
+    if acceleration_cmd.alpha_dot is None:
+        return jnp.broadcast_to(acceleration_cmd.jerk, c.shape)
+    w, alpha = q.omega[None], acceleration_cmd.alpha[None]
+    velocity = so3.cross(w, c)
+    rotational = (
+        so3.cross(acceleration_cmd.alpha_dot[None], c)
+        + so3.cross(alpha, velocity)
+        + so3.cross(w, 2 * so3.cross(alpha, c) + so3.cross(w, velocity))
+    )
+    return acceleration_cmd.jerk[None] + rotational @ q.R.T
+
+
+def tracking_acceleration(gains: Gains, q: PayloadState, setpoint: PayloadSetpoint) -> AccelerationCommand:
     """Compute the payload acceleration of the geometric tracking law.
 
     `a_cmd = v_d_dot - K_p e_p - K_v e_v`, `alpha_cmd = -k_R e_R - k_w e_w - (w x R^T R_d w_d - R^T R_d w_d_dot)`,
-    and `jerk = j_d - K_p e_v - K_v (a - a_d)`: the paper's wrench law (Eq. payload_force_cmd_learning,
-    payload_torque_cmd_learning) as accelerations.
+    and `jerk = j_d - K_p e_v`: the paper's wrench law (Eq. payload_force_cmd_learning, payload_torque_cmd_learning) as
+    accelerations. `alpha_dot` is the rate of the reference's part.
+
+    The rate of the velocity feedback would require the measured acceleration. It is omitted: an agent that rotates
+    first moves the tips against the intended direction, and this motion would be fed back to its attitude.
 
     Args:
         gains: Feedback gains.
         q: Estimated payload state.
-        a: Estimated payload acceleration [m/s^2, world]; used for `jerk` only.
         setpoint: Desired payload pose with its derivatives.
 
     Returns:
@@ -68,7 +121,8 @@ def tracking_acceleration(
     return AccelerationCommand(
         a=setpoint.a - gains.K_p @ (q.p - setpoint.p) - gains.K_v @ e_v,
         alpha=-feedback - feedforward,
-        jerk=setpoint.j - gains.K_p @ e_v - gains.K_v @ (a - setpoint.a),
+        jerk=setpoint.j - gains.K_p @ e_v,
+        alpha_dot=None if setpoint.omega_ddot is None else to_body @ setpoint.omega_ddot,
     )
 
 
@@ -94,3 +148,25 @@ def desired_wrench(
         payload, acceleration_cmd.a - gravity, acceleration_cmd.alpha, q.omega
     )
     return Wrench(F=W.F - f_hat.F, tau=W.tau - f_hat.tau)
+
+
+def desired_wrench_rate(payload: Payload, q: PayloadState, acceleration_cmd: AccelerationCommand) -> Wrench:
+    """Compute the rate of the desired payload wrench, without the rate of the predicted residual.
+
+    `F_dot = m_L jerk`, `tau_dot = J_L alpha_dot + alpha x J_L w + w x J_L alpha`; the moment's rate is zero if
+    `alpha_dot` is neglected.
+
+    Args:
+        payload: Nominal parameters of the payload.
+        q: Estimated payload state.
+        acceleration_cmd: Commanded payload acceleration.
+
+    Returns:
+        Rates of force [N/s, world] and moment [N m/s, payload frame].
+    """
+    F_dot = payload.mass * acceleration_cmd.jerk
+    if acceleration_cmd.alpha_dot is None:
+        return Wrench(F=F_dot, tau=jnp.zeros(3))
+    J, alpha = payload.inertia, acceleration_cmd.alpha
+    gyroscopic = so3.cross(alpha, J @ q.omega) + so3.cross(q.omega, J @ alpha)
+    return Wrench(F=F_dot, tau=J @ acceleration_cmd.alpha_dot + gyroscopic)

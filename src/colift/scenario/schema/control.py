@@ -44,10 +44,10 @@ class Control(Section):
     """Position gain of the payload by axis; a single number applies to all axes."""
     K_v: Annotated[fields.Gains, unit("1/s")]
     """Velocity gain of the payload by axis; a single number applies to all axes."""
-    k_R: Annotated[fields.Gain, unit("1/s²")]
-    """Attitude gain of the payload: `K_R = k_R J_L`."""
-    k_omega: Annotated[fields.Gain, unit("1/s")]
-    """Angular velocity gain of the payload: `K_omega = k_omega J_L`."""
+    k_R: Annotated[fields.Gains, unit("1/s²")]
+    """Attitude gain of the payload by axis of the payload, `K_R = k_R J_L`; a single number applies to all axes."""
+    k_omega: Annotated[fields.Gains, unit("1/s")]
+    """Angular velocity gain by axis of the payload, `K_omega = k_omega J_L`; a single number applies to all axes."""
     agent_k_R: Annotated[fields.Gain, unit("1/s²")]
     """Attitude gain of the agents."""
     agent_k_omega: Annotated[fields.Gain, unit("1/s")]
