@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from colift.math import so3
+from colift.math import linalg, so3
 from colift.math.filters import (
     SecondOrderLowPassState,
     initial_smoothing_factor,
@@ -132,13 +132,78 @@ def complementary_update(
     return fused, next_bias, omega, specific_force
 
 
+MIN_LEVER = 0.01
+"""Tip motion per joint motion below which a joint rate is measured by the encoder [m/rad or 1]."""
+
+
+def grasp_rate_gain(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "n_r tips"]:
+    """Compute the gain from tip velocities to joint velocities.
+
+    `G = (B^T B + s^2 I)^-1 B^T` with the Jacobian B of the tips relative to the base and `s = MIN_LEVER`. It is the
+    pseudoinverse of B where the singular values of B are larger than s.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        g: Forward kinematics at the joint positions.
+
+    Returns:
+        The gain, one column per component of a tip velocity, tip by tip.
+    """
+    B = _tip_jacobian(agent, g)
+    return linalg.solve(B.T @ B + MIN_LEVER**2 * jnp.eye(agent.tree.joints), B.T)
+
+
+def _tip_jacobian(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "tips n_r"]:
+    """Return the derivatives of the tip positions with respect to the joints, base frame, tip by tip."""
+    return g.J_point[-agent.tree.arms :].transpose(0, 2, 1).reshape(3 * agent.tree.arms, -1)
+
+
+def joint_rates(
+    agent: AerialManipulator,
+    g: aerial_manipulator.ForwardKinematics,
+    base: NavState,
+    omega: Float[Array, "3"],
+    payload: PayloadState,
+    encoder_rate: Float[Array, "n_r"],
+) -> Float[Array, "n_r"]:
+    """Compute the joint velocities with which the tips move with the payload.
+
+    The tips have the velocities `v_L + R_L (w_L x c)`. Relative to the base these are `B r_dot`, hence
+
+        r_dot = r_dot_e + G (R^T (v_L + R_L (w_L x c) - v) - w x rho - B r_dot_e)
+
+    with the rate `r_dot_e` of the encoders, which determines motions that do not move the tips, and the gain G of
+    `grasp_rate_gain`. Terms of the dynamics are quadratic in the rates, so that the variance of a rate adds to their
+    mean; differenced encoder readings have a large one (docs/decisions/0061).
+
+    Args:
+        agent: Nominal parameters of one agent.
+        g: Forward kinematics at the joint positions.
+        base: Estimated pose and velocity of the base.
+        omega: Estimated angular velocity of the base [rad/s, body frame].
+        payload: Estimated state of the payload.
+        encoder_rate: Filtered rates of the encoders [rad/s or m/s].
+
+    Returns:
+        Joint velocities [rad/s or m/s].
+    """
+    if not agent.tree.joints:
+        return encoder_rate
+    contact = payload.v[None] + so3.cross(payload.omega[None], agent.contact_position) @ payload.R.T
+    tip = (contact - base.v[None]) @ base.R - so3.cross(omega[None], g.points[-agent.tree.arms :])
+    error = tip.reshape(-1) - _tip_jacobian(agent, g) @ encoder_rate
+    return encoder_rate + grasp_rate_gain(agent, g) @ error
+
+
 @pytree
 class AgentFilterState:
     """Filter state of one agent, or of a group of agents, between control periods."""
 
     base: NavState  # of the base origin
     bias: ImuBias  # of the base sensors
-    joint: SecondOrderLowPassState  # rad or m, filter of the joint positions
+    r: Float[Array, "*agents n_r"]  # rad or m, estimated joint positions
+    r_dot: Float[Array, "*agents n_r"]  # rad/s or m/s, estimated joint velocities
+    encoder: SecondOrderLowPassState  # rad or m, filter of the measured joint positions
     momenta: Float[Array, "*agents xi"]  # (mu, nu) of the previous control period, base frame
     com_velocity_offset: Float[Array, "*agents 3"]  # m/s, center of mass minus base origin, previous period, world
     modelled_force: Float[
@@ -216,7 +281,9 @@ def _initial_state(team: Team, measurement: Measurement) -> EstimatorState:
             AgentFilterState(
                 base=NavState(R=m.R, x=m.x, v=m.v),
                 bias=zero_bias(size),
-                joint=steady_state(m.r),
+                r=m.r,
+                r_dot=jnp.zeros_like(m.r),
+                encoder=steady_state(m.r),
                 momenta=jnp.zeros((size, xi)),
                 com_velocity_offset=jnp.zeros((size, 3)),
                 modelled_force=jnp.zeros((size, 3 + xi)),
@@ -259,12 +326,12 @@ def _update(
     interval = state.time_since_label + dt
     # Without a valid label the filters of labels and inputs hold their values.
     b = valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
-    update_agents = jax.vmap(_update_agent, in_axes=(0, None, 0, 0, 0, None, None, None, None))
+    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, None, None, None, None))
     for group, agent_state, reading, u in zip(
         team.agent_groups, state.agents, measurement.agents, applied, strict=True
     ):
         estimate, lam, next_agent_state = update_agents(
-            group, filters, agent_state, reading, u, team.gravity, state.initialized, b, dt
+            group, filters, payload, agent_state, reading, u, team.gravity, state.initialized, b, dt
         )
         agents.append(next_agent_state)
         states.append(estimate)
@@ -326,6 +393,7 @@ def _payload_label(
 def _update_agent(
     agent: AerialManipulator,
     filters: FilterBandwidths,
+    payload: PayloadState,
     state: AgentFilterState,
     m: AgentReading,
     u: AgentInput,
@@ -340,11 +408,15 @@ def _update_agent(
         (state.base, state.bias), measured, m.omega, m.a, gravity, filters, initialized, dt
     )
     b = smoothing_factor(filters.joint, dt)
-    joint = update(state.joint, m.r, b)
-    # The rate of stage 2 follows from its own recursion; no second difference is needed.
-    r_dot = (joint.stage1 - joint.stage2) * b / ((1 - b) * dt)
-    r = 2 * joint.stage1 - joint.stage2  # no lag at a constant rate (double exponential smoothing, Brown 1959)
+    encoder = update(state.encoder, m.r, b)
+    predicted = state.r + dt * state.r_dot
+    r = predicted + initial_smoothing_factor(initialized, smoothing_factor(filters.complementary, dt)) * (
+        m.r - predicted
+    )
     g = aerial_manipulator.forward_kinematics(agent, r)
+    # The rate of stage 2 follows from its own recursion; no second difference is needed.
+    encoder_rate = (encoder.stage1 - encoder.stage2) * b / ((1 - b) * dt)
+    r_dot = joint_rates(agent, g, base, omega, payload, encoder_rate)
     p = aerial_manipulator.centroidal_model(agent, g)
     xi = jnp.concatenate([omega, r_dot])
     velocity_offset = -(base.R @ (p.J_base @ xi))
@@ -366,7 +438,9 @@ def _update_agent(
     next_state = AgentFilterState(
         base=base,
         bias=bias,
-        joint=joint,
+        r=r,
+        r_dot=r_dot,
+        encoder=encoder,
         momenta=momenta,
         com_velocity_offset=velocity_offset,
         modelled_force=modelled,
