@@ -278,7 +278,7 @@ _columns = jax.jit(jax.vmap(codegen.compile(_column), (None, None, None, 0)))
 def _moving(loop: simulator.LoopState) -> Any:
     """Return the states on which commands or plant depend, for frozen residual models."""
     world, estimator = loop.world, loop.controller.estimator
-    agents = tuple((one.base, one.bias, one.joint) for one in estimator.agents)
+    agents = tuple((one.base, one.bias, one.r, one.r_dot, one.encoder) for one in estimator.agents)
     return world.state, world.applied_inputs, agents, estimator.payload, estimator.bias
 
 
@@ -286,8 +286,8 @@ def _with(loop: simulator.LoopState, moving: Any) -> simulator.LoopState:
     """Replace the values of `_moving` in a closed-loop state."""
     z, applied, agents, payload, bias = moving
     agents = tuple(
-        dataclasses.replace(one, base=base, bias=b, joint=joint)
-        for one, (base, b, joint) in zip(loop.controller.estimator.agents, agents, strict=True)
+        dataclasses.replace(one, base=base, bias=b, r=r, r_dot=r_dot, encoder=encoder)
+        for one, (base, b, r, r_dot, encoder) in zip(loop.controller.estimator.agents, agents, strict=True)
     )
     estimator = dataclasses.replace(loop.controller.estimator, agents=agents, payload=payload, bias=bias)
     return dataclasses.replace(

@@ -21,6 +21,7 @@ from colift.onboard.control import (
     payload_controllers,
     preview,
     tracking,
+    yaw_bandwidth,
 )
 from colift.onboard.control.allocation import (
     AllocationMap,
@@ -38,18 +39,54 @@ from colift.scenario.conversion import actuator_lag, array, build_plugin
 from colift.scenario.errors import ScenarioError
 
 
-def gains(settings: schema.Scenario) -> tracking.Gains:
-    """Return the feedback gains."""
+def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
+    """Return the feedback gains.
+
+    A rotational gain of the payload that is one number applies to roll and pitch. For yaw it is at most that of
+    `yaw_bandwidth.default_yaw_gains`.
+
+    Args:
+        settings: Scenario.
+        nominal: Nominal parameters.
+
+    Returns:
+        Gains.
+    """
     given = settings.control
+    stated = np.broadcast_to(given.k_R, 3), np.broadcast_to(given.k_omega, 3)
+    limited = yaw_bandwidth.default_yaw_gains(yaw_zero(settings, nominal), float(stated[0][2]), float(stated[1][2]))
+    k_R, k_omega = (
+        np.array([*every[:2], yaw]) if np.ndim(gain) == 0 else every
+        for gain, every, yaw in zip((given.k_R, given.k_omega), stated, limited, strict=True)
+    )
     return tracking.Gains(
         K_p=jnp.diag(array(given.K_p)),
         K_v=jnp.diag(array(given.K_v)),
-        k_R=array(given.k_R),
-        k_omega=array(given.k_omega),
+        k_R=array(k_R),
+        k_omega=array(k_omega),
         agent_k_R=array(given.agent_k_R),
         agent_k_omega=array(given.agent_k_omega),
         posture_bandwidth=array(given.posture_bandwidth),
     )
+
+
+def yaw_zero(settings: schema.Scenario, nominal: Team) -> float:
+    """Return the smallest `yaw_bandwidth.right_half_plane_zero` of the agents in hover [rad/s]."""
+    g, share = float(jnp.linalg.norm(nominal.gravity)), float(nominal.payload.mass) / sum(nominal.sizes)
+    reach = max(
+        float(jnp.linalg.norm(group.contact_position[..., :2], axis=-1).max()) for group in nominal.agent_groups
+    )
+    zeros = [np.inf]
+    for group, posture, yaws in zip(
+        nominal.agent_groups, team_module.nominal_posture(settings), trajectories.headings(settings), strict=True
+    ):
+        for j in range(len(yaws)):
+            agent = jax.tree.map(lambda x, j=j: x[j], group)
+            radius = float(jnp.linalg.norm(agent.contact_position.mean(0)[:2]))
+            if radius > yaw_bandwidth.MIN_RADIUS_RATIO * reach:
+                weight = g * (float(agent.mass.sum()) + share)
+                zeros.append(yaw_bandwidth.right_half_plane_zero(agent, posture[j], float(yaws[j]), weight))
+    return min(zeros)
 
 
 def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap, allocators.InternalForceSchedule]:
@@ -109,7 +146,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         ScenarioError: As `allocation`, and for a user-defined part without the methods of its interface.
     """
     allocation_map, internal = allocation(settings, nominal)
-    learning, gain = settings.learning, gains(settings)
+    learning, gain = settings.learning, gains(settings, nominal)
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
     agent_controller = (
@@ -221,7 +258,7 @@ def with_lead_time(base: controller.LeaderFollowerController, lead_time: float) 
 def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float, ...], ...]:
     """Return the label loop gain of each agent in hover with an equal share of the payload, by group."""
     g, share = float(jnp.linalg.norm(team.gravity)), float(team.payload.mass) / sum(team.sizes)
-    gain, filters = gains(settings), _filters(settings)
+    gain, filters = gains(settings, team), _filters(settings)
 
     def loop_gain(agent: AerialManipulator, rest: Any) -> float:
         weight = g * (float(agent.mass.sum()) + share)

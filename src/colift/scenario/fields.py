@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
+from pydantic import BeforeValidator, Discriminator, Field, GetJsonSchemaHandler, Tag
 from pydantic_core import CoreSchema
 
 
@@ -37,6 +37,11 @@ def range_reason(reason: str) -> SchemaNote:
 def _repeat_three_times(given: Any) -> Any:
     """Repeat a single number for all three axes."""
     return (given,) * 3 if isinstance(given, int | float) and not isinstance(given, bool) else given
+
+
+def _number_or_axes(given: Any) -> str:
+    """Return which type a gain has that may be stated by axis."""
+    return "axes" if isinstance(given, list | tuple) else "number"
 
 
 def _twice(given: Any) -> Any:
@@ -155,6 +160,9 @@ AngularNoise = Annotated[Number, Field(ge=0, le=90), range_reason("larger noise 
 Gain = Annotated[Number, Field(ge=1e-6, le=1e8), range_reason("unstable at every permitted control rate")]
 GainOrNone = Annotated[Number, Field(ge=0, le=1e8), range_reason("unstable at every permitted control rate")]
 Gains = Annotated[tuple[Gain, Gain, Gain], BeforeValidator(_repeat_three_times)]
+AxisGains = Annotated[
+    Annotated[Gain, Tag("number")] | Annotated[tuple[Gain, Gain, Gain], Tag("axes")], Discriminator(_number_or_axes)
+]
 Deviation = Annotated[Number, Field(ge=1e-9, le=1e6), range_reason("from 1e-9 N to the weight of 100 t")]
 Deviations = Annotated[tuple[Deviation, Deviation], BeforeValidator(_twice)]
 Lengthscale = Annotated[

@@ -1,9 +1,10 @@
 """Stability limit of the feedback from an agent's labels to its attitude.
 
-Joint rates pass a low-pass filter; base and tip readings do not. While an agent rotates about its tips, its joints
-move. During the filter lag the label then contains the inertial force of the arms. The controller compensates this
-apparent residual by a change of attitude, which closes a feedback loop. Its gain grows with arm mass and length, and
-above 1 the loop can be unstable. The rate of the labels is therefore attenuated.
+Encoder rates pass a low-pass filter; base and tip readings do not. Encoders determine only those joint motions that do
+not move the tips (`state_estimator.joint_rates`). While an agent rotates about its tips, such joints can move. During
+the filter lag the label then contains the inertial force of the arms. The controller compensates this apparent residual
+by a change of attitude, which closes a feedback loop. Above a gain of 1 the loop can be unstable. The rate of the
+labels is therefore attenuated.
 
 See Also:
     docs/decisions/0052-stability-limits-of-residual-compensation: derivation and measured results.
@@ -17,6 +18,7 @@ from jaxtyping import Array, Float
 from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.onboard.control import redundancy, tracking
+from colift.onboard.estimation import state_estimator
 from colift.onboard.estimation.state_estimator import FilterBandwidths
 
 FREQUENCY_GRID = np.geomspace(1.0, 1e3, 400)
@@ -33,8 +35,8 @@ def label_loop_gain(
     """Compute the largest gain from an agent's angular acceleration through its labels back to it.
 
     `gamma = max_w |mu / |f| s F(s) (1 - F_j(s)) s k_w / (s + k_w)|` at `s = i w`. Here `mu = |m B_r G|` is the force in
-    the label per angular acceleration, with the joint motion `r_dd = G omega_dot` of `posture_tilt_jacobian`. `F` are
-    the label filters, `F_j` is the joint filter, and `f` is the thrust that the attitude aligns.
+    the label per angular acceleration, with the part G of the joint motion of `posture_tilt_jacobian` that encoders
+    determine. `F` are the label filters, `F_j` is the joint filter, and `f` is the thrust that the attitude aligns.
 
     Args:
         agent: Nominal parameters of one agent.
@@ -47,8 +49,10 @@ def label_loop_gain(
         The gain. Below 1 the loop is stable; from 1 on stability is not guaranteed. Infinite for zero thrust, and for
         a posture with straight arms, where the joint motion is not determined.
     """
-    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, nominal_posture))
-    com_motion = np.asarray(p.J_base)[:, 3:] @ np.asarray(redundancy.posture_tilt_jacobian(agent, p))
+    g = aerial_manipulator.forward_kinematics(agent, nominal_posture)
+    p = aerial_manipulator.centroidal_model(agent, g)
+    G = np.asarray(state_estimator.encoder_share(agent, g)) @ np.asarray(redundancy.posture_tilt_jacobian(agent, p))
+    com_motion = np.asarray(p.J_base)[:, 3:] @ G
     if not np.isfinite(com_motion).all():
         return np.inf
     mu = float(p.mass) * float(np.linalg.norm(com_motion, 2))

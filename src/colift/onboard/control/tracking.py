@@ -60,9 +60,7 @@ def point_acceleration(
     Returns:
         Accelerations [m/s^2, world].
     """
-    rotational = so3.cross(acceleration_cmd.alpha[None], c) + so3.cross(
-        q.omega[None], so3.cross(q.omega[None], c)
-    )
+    rotational = so3.cross(acceleration_cmd.alpha[None], c) + so3.cross(q.omega[None], so3.cross(q.omega[None], c))
     return acceleration_cmd.a[None] + rotational @ q.R.T
 
 

@@ -136,21 +136,25 @@ MIN_LEVER = 0.01
 """Tip motion per joint motion below which a joint rate is measured by the encoder [m/rad or 1]."""
 
 
-def grasp_rate_gain(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "n_r tips"]:
-    """Compute the gain from tip velocities to joint velocities.
-
-    `G = (B^T B + s^2 I)^-1 B^T` with the Jacobian B of the tips relative to the base and `s = MIN_LEVER`. It is the
-    pseudoinverse of B where the singular values of B are larger than s.
+def encoder_share(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "n_r n_r"]:
+    """Compute the part of the joint velocities that the encoders determine, `I - G B` (`joint_rates`).
 
     Args:
         agent: Nominal parameters of one agent.
         g: Forward kinematics at the joint positions.
 
     Returns:
-        The gain, one column per component of a tip velocity, tip by tip.
+        Matrix from encoder rates to estimated rates; nearly the projection to motions that do not move the tips.
     """
+    if not agent.tree.joints:
+        return jnp.zeros((0, 0))
     B = _tip_jacobian(agent, g)
-    return linalg.solve(B.T @ B + MIN_LEVER**2 * jnp.eye(agent.tree.joints), B.T)
+    return jnp.eye(agent.tree.joints) - _rate_gain(B) @ B
+
+
+def _rate_gain(B: Float[Array, "tips n_r"]) -> Float[Array, "n_r tips"]:
+    """Return `G = (B^T B + s^2 I)^-1 B^T`, nearly the pseudoinverse of B, with `s = MIN_LEVER`."""
+    return linalg.solve(B.T @ B + MIN_LEVER**2 * jnp.eye(B.shape[1]), B.T)
 
 
 def _tip_jacobian(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "tips n_r"]:
@@ -172,9 +176,9 @@ def joint_rates(
 
         r_dot = r_dot_e + G (R^T (v_L + R_L (w_L x c) - v) - w x rho - B r_dot_e)
 
-    with the rate `r_dot_e` of the encoders, which determines motions that do not move the tips, and the gain G of
-    `grasp_rate_gain`. Terms of the dynamics are quadratic in the rates, so that the variance of a rate adds to their
-    mean; differenced encoder readings have a large one (docs/decisions/0061).
+    with the rate `r_dot_e` of the encoders, which determines motions that do not move the tips, and
+    `G = (B^T B + s^2 I)^-1 B^T`, `s = MIN_LEVER`. Terms of the dynamics are quadratic in the rates, so that the
+    variance of a rate adds to their mean. Differenced encoder readings have a large variance.
 
     Args:
         agent: Nominal parameters of one agent.
@@ -191,8 +195,8 @@ def joint_rates(
         return encoder_rate
     contact = payload.v[None] + so3.cross(payload.omega[None], agent.contact_position) @ payload.R.T
     tip = (contact - base.v[None]) @ base.R - so3.cross(omega[None], g.points[-agent.tree.arms :])
-    error = tip.reshape(-1) - _tip_jacobian(agent, g) @ encoder_rate
-    return encoder_rate + grasp_rate_gain(agent, g) @ error
+    B = _tip_jacobian(agent, g)
+    return encoder_rate + _rate_gain(B) @ (tip.reshape(-1) - B @ encoder_rate)
 
 
 @pytree

@@ -44,10 +44,10 @@ class Control(Section):
     """Position gain of the payload by axis; a single number applies to all axes."""
     K_v: Annotated[fields.Gains, unit("1/s")]
     """Velocity gain of the payload by axis; a single number applies to all axes."""
-    k_R: Annotated[fields.Gains, unit("1/s²")]
-    """Attitude gain of the payload by axis of the payload, `K_R = k_R J_L`; a single number applies to all axes."""
-    k_omega: Annotated[fields.Gains, unit("1/s")]
-    """Angular velocity gain by axis of the payload, `K_omega = k_omega J_L`; a single number applies to all axes."""
+    k_R: Annotated[fields.AxisGains, unit("1/s²")]
+    """Attitude gain by axis of the payload: `K_R = k_R J_L`; a single number is reduced for yaw if required."""
+    k_omega: Annotated[fields.AxisGains, unit("1/s")]
+    """Angular velocity gain by axis: `K_omega = k_omega J_L`; a single number is reduced for yaw if required."""
     agent_k_R: Annotated[fields.Gain, unit("1/s²")]
     """Attitude gain of the agents."""
     agent_k_omega: Annotated[fields.Gain, unit("1/s")]
