@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+import itertools
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -11,17 +12,17 @@ import numpy as np
 
 from colift.closed_loop import part_checks
 from colift.models import grasp
-from colift.models.parameters import AerialManipulator, Team
+from colift.models.parameters import Team
 from colift.onboard import controller, interfaces
 from colift.onboard.control import (
     actuator_compensation,
     agent_controllers,
     allocators,
+    bound_tips,
     label_feedback,
     payload_controllers,
     preview,
     tracking,
-    yaw_bandwidth,
 )
 from colift.onboard.control.allocation import (
     AllocationMap,
@@ -43,7 +44,7 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     """Return the feedback gains.
 
     A rotational gain of the payload that is one number applies to roll and pitch. For yaw it is at most that of
-    `yaw_bandwidth.default_yaw_gains`.
+    `bound_tips.default_yaw_gains`.
 
     Args:
         settings: Scenario.
@@ -54,39 +55,49 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     """
     given = settings.control
     stated = np.broadcast_to(given.k_R, 3), np.broadcast_to(given.k_omega, 3)
-    limited = yaw_bandwidth.default_yaw_gains(yaw_zero(settings, nominal), float(stated[0][2]), float(stated[1][2]))
+    limited = bound_tips.default_yaw_gains(yaw_zero(settings, nominal), float(stated[0][2]), float(stated[1][2]))
     k_R, k_omega = (
         np.array([*every[:2], yaw]) if np.ndim(gain) == 0 else every
         for gain, every, yaw in zip((given.k_R, given.k_omega), stated, limited, strict=True)
     )
-    return tracking.Gains(
+    result = tracking.Gains(
         K_p=jnp.diag(array(given.K_p)),
         K_v=jnp.diag(array(given.K_v)),
         k_R=array(k_R),
         k_omega=array(k_omega),
+        jerk_feedback=jnp.ones(()),
         agent_k_R=array(given.agent_k_R),
         agent_k_omega=array(given.agent_k_omega),
         posture_bandwidth=array(given.posture_bandwidth),
     )
+    team, g = list(_agents_in_hover(settings, nominal)), float(jnp.linalg.norm(nominal.gravity))
+    loop_gain = bound_tips.acceleration_loop_gain(team, result, float(nominal.payload.mass), g)
+    jerk_feedback = array(min(1.0, bound_tips.MAX_LOOP_GAIN / max(loop_gain, np.finfo(float).tiny)))
+    return dataclasses.replace(result, jerk_feedback=jerk_feedback)
 
 
 def yaw_zero(settings: schema.Scenario, nominal: Team) -> float:
-    """Return the smallest `yaw_bandwidth.right_half_plane_zero` of the agents in hover [rad/s]."""
-    g, share = float(jnp.linalg.norm(nominal.gravity)), float(nominal.payload.mass) / sum(nominal.sizes)
+    """Return the smallest `bound_tips.right_half_plane_zero` of the agents in hover [rad/s]."""
     reach = max(
         float(jnp.linalg.norm(group.contact_position[..., :2], axis=-1).max()) for group in nominal.agent_groups
     )
     zeros = [np.inf]
+    for agent, posture, yaw, thrust in _agents_in_hover(settings, nominal):
+        if float(jnp.linalg.norm(agent.contact_position.mean(0)[:2])) > bound_tips.MIN_RADIUS_RATIO * reach:
+            zeros.append(bound_tips.right_half_plane_zero(agent, posture, yaw, thrust))
+    return min(zeros)
+
+
+def _agents_in_hover(settings: schema.Scenario, nominal: Team) -> Iterator[bound_tips.HoverAgent]:
+    """Yield each agent in its nominal posture, with an equal share of the payload."""
+    g, share = float(jnp.linalg.norm(nominal.gravity)), float(nominal.payload.mass) / sum(nominal.sizes)
     for group, posture, yaws in zip(
         nominal.agent_groups, team_module.nominal_posture(settings), trajectories.headings(settings), strict=True
     ):
         for j in range(len(yaws)):
             agent = jax.tree.map(lambda x, j=j: x[j], group)
-            radius = float(jnp.linalg.norm(agent.contact_position.mean(0)[:2]))
-            if radius > yaw_bandwidth.MIN_RADIUS_RATIO * reach:
-                weight = g * (float(agent.mass.sum()) + share)
-                zeros.append(yaw_bandwidth.right_half_plane_zero(agent, posture[j], float(yaws[j]), weight))
-    return min(zeros)
+            thrust = g * (float(agent.mass.sum()) + share)
+            yield bound_tips.HoverAgent(agent, posture[j], float(yaws[j]), thrust)
 
 
 def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap, allocators.InternalForceSchedule]:
@@ -257,17 +268,14 @@ def with_lead_time(base: controller.LeaderFollowerController, lead_time: float) 
 
 def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float, ...], ...]:
     """Return the label loop gain of each agent in hover with an equal share of the payload, by group."""
-    g, share = float(jnp.linalg.norm(team.gravity)), float(team.payload.mass) / sum(team.sizes)
     gain, filters = gains(settings, team), _filters(settings)
-
-    def loop_gain(agent: AerialManipulator, rest: Any) -> float:
-        weight = g * (float(agent.mass.sum()) + share)
-        return label_feedback.label_loop_gain(agent, rest, gain, filters, weight)
-
-    return tuple(
-        tuple(loop_gain(jax.tree.map(lambda x, j=j: x[j], group), rest[j]) for j in range(size))
-        for group, size, rest in zip(team.agent_groups, team.sizes, team_module.nominal_posture(settings), strict=True)
+    each = iter(
+        [
+            label_feedback.label_loop_gain(agent, posture, gain, filters, thrust)
+            for agent, posture, _, thrust in _agents_in_hover(settings, team)
+        ]
     )
+    return tuple(tuple(itertools.islice(each, size)) for size in team.sizes)
 
 
 def _filters(settings: schema.Scenario) -> state_estimator.FilterBandwidths:

@@ -38,6 +38,7 @@ GAINS = tracking.Gains(
     K_v=jnp.diag(jnp.array([4.0, 5, 6])),
     k_R=jnp.array([60.0, 60.0, 12.0]),
     k_omega=jnp.array([14.0, 14.0, 5.0]),
+    jerk_feedback=jnp.array(0.8),
     agent_k_R=jnp.array(25.0),
     agent_k_omega=jnp.array(8.0),
     posture_bandwidth=jnp.array(2.0),

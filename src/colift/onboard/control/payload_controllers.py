@@ -27,7 +27,9 @@ class GeometricTracking:
 
     def compute(self, state: PartState, context: ControlContext) -> tuple[tracking.AccelerationCommand, PartState]:
         """Compute the acceleration of `tracking.tracking_acceleration`; see `PayloadController`."""
-        return tracking.tracking_acceleration(self.gains, context.estimate.payload, context.setpoint), state
+        return tracking.tracking_acceleration(
+            self.gains, context.estimate.payload, context.estimate.a_L[:3], context.setpoint
+        ), state
 
 
 @pytree

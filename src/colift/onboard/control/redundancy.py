@@ -136,6 +136,21 @@ def uncontrolled_joint_acceleration(
     return by_torque - by_tips @ linalg.solve(A, (B @ by_torque)[:, None])[:, 0]
 
 
+def rotation_about_tips(agent: AerialManipulator, p: aerial_manipulator.CentroidalModel) -> Float[Array, "motion 3"]:
+    """Compute the motion of center of mass and joints per rotation of an agent with fixed tips.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        p: Centroidal model of the agent.
+
+    Returns:
+        Derivative of `(R^T x, r)` with respect to the rotation vector of the base [m/rad, and rad or m per rad].
+    """
+    return _closest_motion(
+        p, _inverse_weights(agent), jnp.zeros((3 + agent.tree.joints, 3)), -p.J_tip[:, :, :3].reshape(-1, 3)
+    )
+
+
 def posture_tilt_jacobian(agent: AerialManipulator, p: aerial_manipulator.CentroidalModel) -> Float[Array, "n_r 3"]:
     """Compute the joint motion per rotation of an agent with fixed tips and least motion of its center of mass.
 
@@ -146,9 +161,7 @@ def posture_tilt_jacobian(agent: AerialManipulator, p: aerial_manipulator.Centro
     Returns:
         Derivative of the joint positions with respect to the rotation vector of the base [rad or m per rad].
     """
-    return _closest_motion(
-        p, _inverse_weights(agent), jnp.zeros((3 + agent.tree.joints, 3)), -p.J_tip[:, :, :3].reshape(-1, 3)
-    )[3:]
+    return rotation_about_tips(agent, p)[3:]
 
 
 def posture_control(

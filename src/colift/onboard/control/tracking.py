@@ -30,6 +30,7 @@ class Gains:
     K_v: Float[Array, "3 3"]  # 1/s, payload velocity error, world
     k_R: Float[Array, "3"]  # 1/s^2, payload attitude error by axis of the payload, K_R = k_R J_L
     k_omega: Float[Array, "3"]  # 1/s, payload angular velocity error by axis of the payload, K_omega = k_omega J_L
+    jerk_feedback: Float[Array, ""]  # share of the measured acceleration in the jerk, 0 to 1 (`bound_tips`)
     agent_k_R: Float[Array, ""]  # 1/s^2, attitude error of an agent
     agent_k_omega: Float[Array, ""]  # 1/s, angular velocity error of an agent
     posture_bandwidth: Float[Array, ""]  # 1/s, rate at which redundant joints return to the nominal posture
@@ -92,19 +93,20 @@ def point_jerk(
     return acceleration_cmd.jerk[None] + rotational @ q.R.T
 
 
-def tracking_acceleration(gains: Gains, q: PayloadState, setpoint: PayloadSetpoint) -> AccelerationCommand:
+def tracking_acceleration(
+    gains: Gains, q: PayloadState, a: Float[Array, "3"], setpoint: PayloadSetpoint
+) -> AccelerationCommand:
     """Compute the payload acceleration of the geometric tracking law.
 
     `a_cmd = v_d_dot - K_p e_p - K_v e_v`, `alpha_cmd = -k_R e_R - k_w e_w - (w x R^T R_d w_d - R^T R_d w_d_dot)`,
-    and `jerk = j_d - K_p e_v`: the paper's wrench law (Eq. payload_force_cmd_learning, payload_torque_cmd_learning) as
-    accelerations. `alpha_dot` is the rate of the reference's part.
-
-    The rate of the velocity feedback would require the measured acceleration. It is omitted: an agent that rotates
-    first moves the tips against the intended direction, and this motion would be fed back to its attitude.
+    and `jerk = j_d - K_p e_v - s K_v (a - a_d)`: the paper's wrench law (Eq. payload_force_cmd_learning,
+    payload_torque_cmd_learning) as accelerations. The share s is below 1 if agents that rotate move the payload so much
+    that feedback of its acceleration would be unstable. `alpha_dot` is the rate of the reference's part only.
 
     Args:
         gains: Feedback gains.
         q: Estimated payload state.
+        a: Estimated payload acceleration [m/s^2, world]; used for `jerk` only.
         setpoint: Desired payload pose with its derivatives.
 
     Returns:
@@ -119,7 +121,7 @@ def tracking_acceleration(gains: Gains, q: PayloadState, setpoint: PayloadSetpoi
     return AccelerationCommand(
         a=setpoint.a - gains.K_p @ (q.p - setpoint.p) - gains.K_v @ e_v,
         alpha=-feedback - feedforward,
-        jerk=setpoint.j - gains.K_p @ e_v,
+        jerk=setpoint.j - gains.K_p @ e_v - gains.jerk_feedback * (gains.K_v @ (a - setpoint.a)),
         alpha_dot=None if setpoint.omega_ddot is None else to_body @ setpoint.omega_ddot,
     )
 
