@@ -30,8 +30,8 @@ The delay of the attitude loop costs about as much.
 """
 DAMPING_RATIO = 0.7
 """Damping ratio of the yaw motion with the default gains."""
-MAX_LOOP_GAIN = 0.6
-"""Largest gain of the loop of `acceleration_loop_gain`, for a gain margin of 1.7."""
+MAX_LOOP_GAIN = 0.8
+"""Largest gain of the loop of `acceleration_loop_gain`, for a gain margin of 1.25."""
 MIN_RADIUS_RATIO = 0.01
 """Smallest distance of an agent's mean contact from the yaw axis, relative to the farthest contact."""
 
