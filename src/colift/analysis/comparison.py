@@ -224,8 +224,9 @@ def _load_run(folder: Path, name: str, cases: Sequence[str]) -> ComparedRun:
         found = ComparedRun(name, folder, summary, flights, poses.scenario_of_log(flights[present[0]]))
         for case in present:
             _metrics(found, case)
-    except (KeyError, TypeError, AttributeError) as error:
-        raise ValueError(f"{path} is damaged: {type(error).__name__} {error}") from error
+    except (KeyError, TypeError, AttributeError, OverflowError) as error:
+        reason = f"no entry {error}" if isinstance(error, KeyError) else str(error)
+        raise ValueError(f"{path} is damaged: {reason}") from error
     return found
 
 
@@ -233,6 +234,9 @@ def _metrics(run: ComparedRun, case: str) -> dict[str, float | None]:
     """Return the standard metrics of a case; a value with a wrong type raises TypeError."""
     found = run.summary["cases"][case]
     values = {metric.key: found[metric.key] for metric in STUDY_METRICS}
+    for key, value in values.items():
+        if value is not None and not isinstance(value, int | float):
+            raise TypeError(f"{key} of {case} is {value!r}, not a number")
     return {key: None if value is None else float(value) for key, value in values.items()}
 
 

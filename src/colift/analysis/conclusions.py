@@ -39,7 +39,7 @@ def format_ratio(value: float | None, reference: float | None) -> str:
     if value is None or reference is None or not reference or not math.isfinite(value / reference):
         return "none"
     ratio = value / reference
-    return f"{ratio:.2f}" if 0.1 <= abs(ratio) < 100 else f"{ratio:.2g}"
+    return f"{ratio:.2f}" if 0.1 <= abs(ratio) < 100 else f"{ratio:.3g}" if abs(ratio) >= 100 else f"{ratio:.2g}"
 
 
 def join_words(words: Sequence[str]) -> str:
@@ -80,4 +80,5 @@ def _warnings(warnings: Sequence[tuple[bool, str]]) -> str:
     number = "There is 1 warning" if len(warnings) == 1 else f"There are {len(warnings)} warnings"
     if not severe:
         return f"{number}."
-    return f"{number}; {'it invalidates' if len(warnings) == 1 else f'{severe} of them invalidate'} a result."
+    which = "it" if len(warnings) == 1 else f"{severe} of them"
+    return f"{number}; {which} {'invalidates' if severe == 1 else 'invalidate'} a result."

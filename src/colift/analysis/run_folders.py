@@ -87,7 +87,7 @@ def read_run(path: Path, logs: Iterable[str] = ()) -> RunFolder:
     """
     summary, certificate = path / run_directory.SUMMARY_FILE, path / CERTIFICATE_FILE
     try:
-        if summary.is_file():
+        if summary.is_symlink() or summary.exists():
             return _read_summary(path, result_files.load_summary(summary), summary.stat().st_mtime)
         if any((path / name).is_file() for name in logs):
             return RunFolder(path, f"contains logs, but no {summary.name}: its study did not end")
@@ -95,7 +95,7 @@ def read_run(path: Path, logs: Iterable[str] = ()) -> RunFolder:
         return RunFolder(path, "", *_identity(found), modified=certificate.stat().st_mtime)
     except KeyError as error:
         return RunFolder(path, f"{summary.name} is damaged: no entry {error}")
-    except (TypeError, AttributeError) as error:
+    except (TypeError, AttributeError, OverflowError) as error:
         return RunFolder(path, _one_line(f"{summary.name} is damaged: {error}"))
     except (OSError, ValueError) as error:
         message = error.strerror if isinstance(error, OSError) and error.strerror else str(error)

@@ -42,7 +42,7 @@ def write_comparison(runs: Sequence[ComparedRun], out: Path, descriptions: Mappi
     with style.style_context():
         files = style.save_figure(plot_comparison(runs), out / FIGURE_FILE, identifier)
     text = build_page(runs, descriptions, files[1].read_bytes(), identifier)
-    atomic_write.write_atomic(page, text.encode())
+    atomic_write.write_atomic(page, text.encode(errors="replace"))
     return [page, *files]
 
 
@@ -58,14 +58,17 @@ def plot_comparison(runs: Sequence[ComparedRun]) -> Figure:
         The figure.
     """
     cases = list(dict.fromkeys(case for run in runs for case in run.flights))
-    looks = list(style.LINE_STYLES.values())
+    markers = [look.marker for look in style.LINE_STYLES.values()]
     logs, styles = {}, {}
     for k, run in enumerate(runs):
         for case, ds in run.flights.items():
             name = f"{_label(run.name)}: {case}"
-            look = style.style_of(case) if len(cases) > 1 else looks[k % len(looks)]
             logs[name] = ds
-            styles[name] = look._replace(dashes=style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)])
+            look = style.style_of(case)._replace(dashes=style.DASH_PATTERNS[k % len(style.DASH_PATTERNS)])
+            if len(cases) == 1:
+                color = style.AGENT_COLORS[k % len(style.AGENT_COLORS)]
+                look = look._replace(color=color, marker=markers[k % len(markers)])
+            styles[name] = look
     return study_figures.plot_tracking_error(logs, {}, styles)
 
 
@@ -102,7 +105,9 @@ def build_page(runs: Sequence[ComparedRun], descriptions: Mapping[str, str], png
         f"<h1>Comparison of {html.escape(', '.join(names))}</h1>",
         html_page.conclusion(comparison.conclude_comparison(cases, differing)),
         html_page.section("Settings", html_page.paragraphs(f"{line}." for line in settings)),
-        html_page.section("Second half of the run", html_page.table(header, rows) + html_page.column_meanings(columns)),
+        html_page.section(
+            "Second half of the run", html_page.table(header, rows, text_columns=2) + html_page.column_meanings(columns)
+        ),
         html_page.section(
             "Tracking errors over time", html_page.figure(png, "Position error and attitude error function of all runs")
         ),

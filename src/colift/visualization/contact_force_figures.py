@@ -91,7 +91,7 @@ def _add_legend(figure: Figure, internal: bool) -> None:
     labels = []
     for part, color in PARTS.items():
         handles += [Line2D([], [], color=color, **TRUTH_STYLE), Line2D([], [], color=color, **ESTIMATE_STYLE)]
-        labels += [f"{part}, true value", f"{part}, estimate ({axes_module.SMOOTHING_WINDOW:g} s mean)"]
+        labels += [f"{part}, true", f"{part}, estimate ({axes_module.SMOOTHING_WINDOW:g} s mean)"]
     if internal:
         handles.append(axes_module.active_patch())
         labels.append(r"$\eta$ active")

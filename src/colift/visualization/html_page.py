@@ -28,9 +28,10 @@ a { color: var(--link); }
 #conclusion { margin: 1em 0 0; padding-left: 12px; border-left: 3px solid var(--link); font-size: 17px; }
 .wide { overflow-x: auto; } pre { overflow-x: auto; font-size: 13px; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: 3px 9px; border-bottom: 1px solid var(--line); text-align: right; vertical-align: bottom; }
-.wide td, .wide th { white-space: nowrap; } .wide .words td { white-space: normal; min-width: 7em; }
-th:first-child, td:first-child, .words td, .words th { text-align: left; overflow-wrap: normal; }
+th, td { padding: 3px 9px; border-bottom: 1px solid var(--line); text-align: right; vertical-align: top; }
+thead th { vertical-align: bottom; }
+.wide td, .wide th { white-space: nowrap; } .wide .words td, .wide td.text { white-space: normal; min-width: 7em; }
+th:first-child, td:first-child, .text, .words td, .words th { text-align: left; overflow-wrap: normal; }
 .words th { font-weight: normal; color: var(--quiet); vertical-align: top; white-space: nowrap; }
 .words td { overflow-wrap: anywhere; } .wide + .words { margin-top: 1.2em; }
 dl.columns { display: grid; grid-template-columns: max-content 1fr; gap: 2px 14px; margin: 0.8em 0; font-size: 14px; }
@@ -107,7 +108,13 @@ def column_meanings(meanings: Mapping[str, str]) -> str:
     return f'<dl class="columns">{entries}</dl>'
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]], title: str = "", words: bool = False) -> str:
+def table(
+    header: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    title: str = "",
+    words: bool = False,
+    text_columns: int = 1,
+) -> str:
     """Return a table that scrolls within the page if it is wider.
 
     Args:
@@ -115,9 +122,10 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], title: str = "",
         rows: Text of the cells.
         title: Text above the table.
         words: True for cells with text, which are left-aligned and broken into lines.
+        text_columns: Number of first columns that are left-aligned; the others contain numbers.
     """
-    head = "".join(f"<th>{_lines(name)}</th>" for name in header)
-    body = "".join(f"<tr>{''.join(f'<td>{_lines(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    head = _cells("th", header, text_columns)
+    body = "".join(f"<tr>{_cells('td', row, text_columns)}</tr>" for row in rows)
     kind = ' class="words"' if words else ""
     above = f'<p class="quiet">{html.escape(title)}</p>' if title else ""
     return f'{above}<div class="wide"><table{kind}><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
@@ -133,6 +141,12 @@ def figure(png: bytes, caption: str) -> str:
     text = html.escape(caption)
     image = f'<img alt="{text}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
     return f"<figure>{image}<figcaption>{text}</figcaption></figure>\n"
+
+
+def _cells(tag: str, texts: Sequence[str], text_columns: int) -> str:
+    """Return the cells of a row."""
+    kinds = (' class="text"' * (0 < k < text_columns) for k in range(len(texts)))
+    return "".join(f"<{tag}{kind}>{_lines(text)}</{tag}>" for kind, text in zip(kinds, texts, strict=True))
 
 
 def _lines(text: str) -> str:

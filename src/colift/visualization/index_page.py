@@ -24,13 +24,12 @@ PAGE_FILE = "index.html"
 PAGES = ("report.html", "playback.html", "certificate.json")
 """Files of a run to which the page links."""
 COLUMNS = {
-    "folder": "folder of the run, relative to this page",
-    "scenario, seed": "name of the scenario and seed of all random numbers",
-    "date": "time at which the summary was written, UTC",
+    "folder": "folder of the run; links to report and playback, if colift report and colift playback have run",
     "cases": "simulated cases; the table sorts by their number",
     "e_p [mm]": "RMS norm of the position error in the second half, by case; the table sorts by the smallest",
     "e_R [mrad]": "RMS norm of the attitude error in the second half, by case; the table sorts by the smallest",
-    "pages": "report and playback, if colift report and colift playback have written them",
+    "scenario, seed": "name of the scenario and seed of all random numbers",
+    "date": "time at which the summary was written, UTC",
 }
 """Definitions of the columns."""
 STYLE = (
@@ -43,6 +42,7 @@ STYLE = (
 #runs th button::after { content: " ↕"; color: var(--quiet); font-weight: normal; }
 #runs th[aria-sort=ascending] button::after { content: " ↑"; }
 #runs th[aria-sort=descending] button::after { content: " ↓"; }
+#runs td:first-child a { margin-right: 0.6em; }
 #runs td:first-child { white-space: normal; min-width: 9em; overflow-wrap: anywhere; }
 #runs .bad { white-space: normal; font-weight: normal; }
 #filter { font: inherit; color: inherit; background: var(--paper); border: 1px solid var(--line); border-radius: 4px;
@@ -103,7 +103,7 @@ def write_index(folder: Path, cases: Mapping[str, str]) -> tuple[Path, list[RunF
         raise ValueError(f"{folder} contains no run: colift study or colift run writes one")
     page = folder / PAGE_FILE
     run_directory.refuse_foreign_files([page])
-    atomic_write.write_atomic(page, build_index(folder, runs).encode())
+    atomic_write.write_atomic(page, build_index(folder, runs).encode(errors="replace"))
     return page, runs
 
 
@@ -123,13 +123,12 @@ def build_index(folder: Path, runs: Sequence[RunFolder]) -> str:
     if damaged:
         sentences.append(f"{damaged} cannot be read; the table states the reason.")
     heads = (
-        _head("folder"),
-        _head("scenario, seed"),
-        _head("date"),
+        _head("folder", order=' aria-sort="ascending"'),
         _head("cases", "number"),
         _head("e_p [mm]", "number"),
         _head("e_R [mrad]", "number"),
-        "<th>pages</th>",
+        _head("scenario, seed"),
+        _head("date"),
     )
     rows = "\n".join(_row(folder, run) for run in runs)
     content = (
@@ -146,9 +145,9 @@ def build_index(folder: Path, runs: Sequence[RunFolder]) -> str:
     return html_page.document(title, content, html_page.script_policy(SCRIPT), STYLE, identifier)
 
 
-def _head(name: str, kind: str = "text") -> str:
+def _head(name: str, kind: str = "text", order: str = "") -> str:
     """Return a column head that sorts the table."""
-    return f'<th scope="col" data-kind="{kind}"><button type="button">{html.escape(name)}</button></th>'
+    return f'<th scope="col" data-kind="{kind}"{order}><button type="button">{html.escape(name)}</button></th>'
 
 
 def _row(folder: Path, run: RunFolder) -> str:
@@ -160,12 +159,11 @@ def _row(folder: Path, run: RunFolder) -> str:
     if not run.cases and not run.damage:
         names = ["certificate"]
     return (
-        f'<tr><td data-sort="{html.escape(name)}">{html.escape(name)}{reason}</td><td>{html.escape(identity)}</td>'
-        f"{_date_cell(run.modified)}"
+        f'<tr><td data-sort="{html.escape(name)}">{html.escape(name)}{reason}{_links(run.path, name)}</td>'
         f'<td data-sort="{len(run.cases) or ""}">{"<br>".join(names)}</td>'
         f"{_error_cell([each.position_error for each in run.cases], '.1f')}"
         f"{_error_cell([each.attitude_error for each in run.cases], '.1f')}"
-        f"<td>{_links(run.path, name)}</td></tr>"
+        f"<td>{html.escape(identity)}</td>{_date_cell(run.modified)}</tr>"
     )
 
 
@@ -192,6 +190,7 @@ def _error_cell(errors: Sequence[float], spec: str) -> str:
 def _links(path: Path, name: str) -> str:
     """Return relative links to the pages of a run that exist."""
     found = [page for page in PAGES if (path / page).is_file()]
-    prefix = "" if name == os.curdir else f"{quote(name)}/"
+    prefix = "" if name == os.curdir else f"{quote(os.fsencode(name))}/"
     # a colon in the first part of a relative address would be read as the end of a protocol name
-    return "<br>".join(f'<a href="./{prefix}{page}">{page.split(".")[0]}</a>' for page in found)
+    links = " ".join(f'<a href="./{prefix}{page}">{page.split(".")[0]}</a>' for page in found)
+    return f"<div>{links}</div>" if links else ""

@@ -525,9 +525,7 @@ def _write_names(ax: Axes, data: RenderData, k: int, values: bool) -> None:
         _write(ax, text, tracks["nodes"][contact["node"]], -5, "top", 7)
 
 
-def _write(
-    ax: Axes, text: str, position: np.ndarray, offset: float, side: Literal["top", "bottom"], size: float
-) -> None:
+def _write(ax: Axes, text: str, position: np.ndarray, offset: int, side: Literal["top", "bottom"], size: int) -> None:
     """Write a text above or below a point of the world; the offset is in points."""
     x, y = _project(position)
     written = ax.annotate(

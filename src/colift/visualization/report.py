@@ -258,7 +258,7 @@ def _contact_forces(summary: Mapping[str, Any]) -> Iterator[str]:
     if rows:
         header = ("case", "contact", "peak\nN", "mean\nN", "internal\npeak N", "internal\nmean N")
         header = (*header, "bias x\nN", "bias y\nN", "bias z\nN", "error\nN")
-        content = html_page.table(header, rows) + html_page.column_meanings(CONTACT_COLUMNS)
+        content = html_page.table(header, rows, text_columns=2) + html_page.column_meanings(CONTACT_COLUMNS)
         yield html_page.section("Contact forces, second half of the run", content)
 
 
