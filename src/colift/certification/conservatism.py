@@ -88,5 +88,5 @@ def conservatism_breakdown(
 
 def _max_errors(experiment: Experiment, flight: FlightResult, loop: LinearizedTrajectory, bound: str) -> Matrix:
     """Return the largest error bound of each output along the run [N, N m]."""
-    bodies = body_models(experiment, flight, flight.records, loop.nodes, bound)
+    bodies = body_models(experiment, flight, loop.records, loop.nodes, bound)
     return np.concatenate([reachability.max_error(body).max(0) for body in bodies])
