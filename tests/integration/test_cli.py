@@ -346,7 +346,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_study_writes_all_files(flown: Path):
     """A study writes all documented files and leaves no temporary file."""
     files = {path.name for path in flown.iterdir()}
-    figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)}
+    figures = {f"figure_{i}_{name}" for i, name in enumerate(FIGURES, 1)} | {"figure_8_contact_forces"}
     assert files >= {
         "summary.json",
         *(f"{case}.nc" for case in ("C1", "C2", "C3", "disturbance_observer", "parametric")),
@@ -370,6 +370,9 @@ def test_every_file_contains_the_run_id(flown: Path):
 def test_summary_contains_all_documented_keys(flown: Path):
     summary = json.loads((flown / "summary.json").read_text())
     assert summary["seed"] == 7
+    for found in summary["cases"].values():  # one contact has the largest force of the team
+        peaks = [each["peak_N"] for each in found["contact_forces"].values()]
+        assert max(peaks) == pytest.approx(found["lam_max_N"])
     assert {"version", "scenario", "residual"} <= set(summary)
     assert list(summary["cases"]) == ["C1", "C2", "C3", "disturbance_observer", "parametric"]
     for case, found in summary["cases"].items():

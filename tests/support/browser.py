@@ -20,6 +20,18 @@ FLAGS = (
     *("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
     *("--remote-debugging-pipe", "--no-first-run", "--disable-extensions", "--disable-background-networking"),
 )
+CONTRAST = """(() => {
+  const light = (color) => {
+    const [r, g, b] = color.match(/[\\d.]+/g).map((x) => x / 255)
+      .map((x) => (x <= 0.04045 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const ground = light(getComputedStyle(document.body).backgroundColor);
+  return Math.min(...[...document.querySelectorAll("p, td, th, dt, dd, h1, h2, a, .bad, .quiet")].map((element) => {
+    const text = light(getComputedStyle(element).color);
+    return (Math.max(text, ground) + 0.05) / (Math.min(text, ground) + 0.05);
+  }));
+})()"""  # smallest contrast of text and background by WCAG 2.2; 4.5 is required
 TIMEOUT = 120.0  # s per response; a shared computer renders slowly
 
 

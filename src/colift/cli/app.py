@@ -93,6 +93,7 @@ COMMANDS = (
     ),
     ("migrate", scenario.migrate, SCENARIOS, ("colift migrate my_team.yaml", "colift migrate --check *.yaml")),
     ("check", scenario.check, SCENARIOS, ("colift check my_team.yaml",)),
+    ("draw", view.draw, SCENARIOS, ("colift draw my_team.yaml", "colift draw paper --set payload.mass_kg=2")),
     ("tune", scenario.tune, SCENARIOS, ("colift tune my_team.yaml --out tuned.yaml",)),
     (
         "study",
@@ -116,6 +117,8 @@ COMMANDS = (
         ("colift playback out/paper --open", "colift playback out/paper --video flight.gif --case C1 --case C3"),
     ),
     ("report", view.report, RESULTS, ("colift report out/paper --open",)),
+    ("compare", view.compare, RESULTS, ("colift compare out/paper out/paper-seed1 --case C1,C3 --open",)),
+    ("browse", view.browse, RESULTS, ("colift browse --open",)),
 )
 """Name, function, group in the help page and examples of every command."""
 EXPORTS = {"mjcf": export.mjcf, "urdf": export.urdf, "csv": export.csv, "mcap": export.mcap, "c": export.c}

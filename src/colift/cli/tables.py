@@ -5,53 +5,33 @@ A table that is wider than the terminal is printed in parts. Greek letters are s
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
+from colift.analysis.study_metrics import STUDY_METRICS
+from colift.analysis.study_metrics import format_value as format_cell
+
 if TYPE_CHECKING:
+    from colift.analysis.comparison import ComparedCase
     from colift.workflows.falsification import FalsificationTrial
 
 
-class Metric(NamedTuple):
-    """Column of the table of a study.
-
-    Attributes:
-        heading: Symbol of the metric.
-        unit: Unit of the printed value.
-        key: Name of the metric in the summary.
-        scale: Factor from the summary's unit to the printed unit.
-        spec: Format specification of the printed value.
-    """
-
-    heading: str
-    unit: str
-    key: str
-    scale: float
-    spec: str
-
-
-STUDY_METRICS = (
-    Metric("e_p", "mm", "e_p_rms_m", 1e3, ".1f"),
-    Metric("e_R", "mrad", "e_R_rms", 1e3, ".1f"),
-    Metric("Ψ", "1e-6", "Psi_mean", 1e6, ".1f"),
-    Metric("ΔW", "N", "delta_W_force_rms_N", 1.0, ".2f"),
-    Metric("ΔW", "N m", "delta_W_moment_rms_Nm", 1.0, ".2f"),
-    Metric("e_λ", "N", "e_lam_rms_N", 1.0, ".2f"),
-    Metric("σ_L", "N", "sigma_L_force_mean_N", 1.0, ".2f"),
-    Metric("σ_A", "N", "sigma_A_force_mean_N", 1.0, ".2f"),
-    Metric("λ", "max N", "lam_max_N", 1.0, ".1f"),
-    Metric("u", "max N", "thrust_max_N", 1.0, ".1f"),
-)
-"""Columns of the table of a study."""
 ERROR_UNITS = {"e_p": (1e3, "mm"), "e_v": (1e3, "mm/s"), "e_R": (1e3, "1e-3"), "e_omega": (1e3, "mrad/s")}
 """Factor from SI units to the printed unit, and the printed unit, by tracking error."""
 BOUND_KIND_LABELS = {"a_priori": "any", "a_posteriori": "this"}
 """Labels of the kinds of bounds: for any run in the tube, or along the simulated run."""
+CERTIFICATE_COLUMNS = {
+    "bound": "method of the bound of the prediction error; observed and nominal errors in the first rows",
+    "run": "any: bound for all runs from the initial state; this: bound along the simulated run",
+    "e_p, e_v, e_R, e_ω": "largest norm of the errors of position, velocity, attitude and angular velocity",
+    "e_p / obs.": "bound of the position error divided by the observed error",
+    "status": "assumed: the bound requires unproven assumptions; exceeded: an observed error is larger",
+}
+"""Columns of the table of a certificate, and their definitions."""
 ASCII_GREEK = str.maketrans({"Ψ": "Psi", "Δ": "d", "λ": "lam", "σ": "sigma", "ω": "omega"})
 """Greek letters spelled out."""
 
@@ -77,7 +57,27 @@ def study_table(summary: Mapping[str, Any]) -> Table:
     for metric in STUDY_METRICS:
         table.add_column(f"{metric.heading}\n{metric.unit}", justify="right", no_wrap=True)
     for case, found in summary["cases"].items():
-        table.add_row(case, *(format_cell(found[metric.key], metric.scale, metric.spec) for metric in STUDY_METRICS))
+        table.add_row(case, *(metric.format(found[metric.key]) for metric in STUDY_METRICS))
+    return table
+
+
+def comparison_table(cases: Sequence[ComparedCase]) -> Table:
+    """Return the metrics of all cases of several runs, each with its ratio to the reference in brackets.
+
+    Args:
+        cases: Compared cases.
+
+    Returns:
+        A table with one row for each case of each run.
+    """
+    table = Table(title="second half of the run (ratio)", box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("case\n", no_wrap=True)
+    table.add_column("run\n", no_wrap=True)
+    for metric in STUDY_METRICS:
+        table.add_column(f"{metric.heading}\n{metric.unit}", justify="right", no_wrap=True)
+    for each in cases:
+        cells = (f"{metric.format(each.values[metric.key])} ({each.ratio(metric.key)})" for metric in STUDY_METRICS)
+        table.add_row(each.case, each.run, *cells)
     return table
 
 
@@ -175,22 +175,6 @@ def falsification_table(trials: Sequence[FalsificationTrial], name: str) -> Tabl
 
 
 # Cells and output -----------------------------------------------------------------------------------------------------
-
-
-def format_cell(value: float | None, scale: float, spec: str) -> str:
-    """Format a number of a table.
-
-    Args:
-        value: Number; None if it does not exist.
-        scale: Factor before formatting.
-        spec: Format specification.
-
-    Returns:
-        The text, ``none`` for a number that does not exist or is not finite.
-    """
-    if value is None or not math.isfinite(value):
-        return "none"
-    return format(value * scale, spec if abs(value * scale) < 1e5 else ".0e")
 
 
 def _format_size(value: float | None, scale: float) -> str:

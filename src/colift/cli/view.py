@@ -1,4 +1,4 @@
-"""Commands that show results: playback, live and report."""
+"""Commands that show scenarios and results: draw, live, playback, report, compare and browse."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def playback(
 
     try:
         if image or video:
-            _draw(out, common.parse_cases(cases or ["C3"]), experiment.ALL_CASES, image, at, video, speed)
+            _render(out, common.parse_cases(cases or ["C3"]), experiment.ALL_CASES, image, at, video, speed)
             return
         page = playback.write(out, experiment.ALL_CASES)
     except (ValueError, OSError) as error:
@@ -58,7 +58,7 @@ def playback(
     common.print_page(f"the flights are in {page}", page, open_page)
 
 
-def _draw(
+def _render(
     out: Path,
     cases: Sequence[str],
     titles: Mapping[str, str],
@@ -151,8 +151,104 @@ def report(out: StudyArgument, open_page: common.OpenOption = False) -> None:
             out,
             experiment.ALL_CASES,
             tables.study_table,
-            lambda summary: (tables.certificate_table(summary), certify.certificate_notes(summary)),
+            lambda summary: (
+                tables.certificate_table(summary),
+                certify.certificate_notes(summary),
+                tables.CERTIFICATE_COLUMNS,
+            ),
         )
     except (ValueError, OSError) as error:
         common.fail(error)
     common.print_page(f"the report is {page}", page, open_page)
+
+
+def compare(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(metavar="OUT...", help="Folders that `colift study` or `colift run` has written; two or more."),
+    ],
+    cases: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--case",
+            help="Case to compare; repeatable, or separated by commas; default: all.",
+            autocompletion=common.complete_case,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for page and figure; default: out/SCENARIO-comparison.")
+    ] = None,
+    open_page: common.OpenOption = False,
+) -> None:
+    """Compare the runs of several folders on one page and in one figure.
+
+    The page contains the metrics of every case with their ratios to the first folder, the tracking errors over time,
+    and the settings that differ. It requires no network.
+    """
+    from colift.analysis import comparison
+    from colift.scenario import experiment
+    from colift.visualization import comparison_page
+
+    required = common.parse_cases(cases or ())
+    try:
+        runs = comparison.load_runs(folders, required or tuple(experiment.ALL_CASES), required)
+        target = common.results_folder(out, suffix="-comparison")(runs[0].settings)
+        page, figure, _ = comparison_page.write_comparison(runs, target, experiment.ALL_CASES)
+    except (ValueError, OSError) as error:
+        common.fail(error)
+    found = comparison.compare_cases(runs)
+    lines = comparison.describe_differences(comparison.differing_settings(runs), runs[0].name)
+    with common.guard_output(f"; the comparison is {page}"):
+        tables.print_table(tables.comparison_table(found), num_repeated=2)
+        common.print_wrapped([comparison.describe_reference(runs), *lines], 2)
+    common.print_page(f"the comparison is {page}, the figure {figure}", page, open_page)
+
+
+def browse(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder below which runs are searched.")] = Path(
+        "out"
+    ),
+    open_page: common.OpenOption = False,
+) -> None:
+    """Write an index page of all runs below a folder.
+
+    The page is FOLDER/index.html: a table that can be sorted and filtered, with links to reports and playbacks. It
+    requires no network. A damaged run has a row with the reason.
+    """
+    from colift.scenario import experiment
+    from colift.visualization import index_page
+
+    try:
+        page, runs = index_page.write_index(folder, experiment.ALL_CASES)
+    except (ValueError, OSError) as error:
+        common.fail(error)
+    damaged = sum(bool(run.damage) for run in runs)
+    note = f", {damaged} of them damaged" if damaged else ""
+    common.print_page(f"the index of {len(runs)} run{'s' * (len(runs) != 1)}{note} is {page}", page, open_page)
+
+
+def draw(
+    name: common.ScenarioArgument,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder for the figure; default: out/SCENARIO-team, with the options given."),
+    ] = None,
+    overrides: common.OverridesOption = None,
+    duration: common.DurationOption = None,
+) -> None:
+    """Draw the team of a scenario at its initial state, without a simulation.
+
+    The figure shows the names of agents and contacts, the reference path, and thrusts and contact forces in hover
+    without disturbances. It is written as PDF and PNG.
+    """
+    from colift import scenario
+    from colift.visualization import team_figure
+
+    try:
+        settings = common.load_settings(name, overrides, duration)
+        folder = common.results_folder(out, overrides, duration, suffix="-team")(settings)
+        files = team_figure.write_team_figure(settings, folder)
+    except (scenario.ScenarioError, OSError) as error:
+        common.fail(error)
+    with common.guard_output():
+        print(f"the team is drawn in {' and '.join(str(file) for file in files)}")

@@ -137,6 +137,23 @@ def grasp_nullspace(c: np.ndarray) -> np.ndarray:
     return Vt[rank:].T
 
 
+def external_force_projector(c: np.ndarray) -> np.ndarray:
+    """Compute the projector `G^+ G` onto external forces, with the grasp matrix at `R = I`.
+
+    `G^+ G lam` is the part of contact forces that applies their wrench with the least norm. The rest is the internal
+    force, in the null space of G. In the payload frame the projector does not depend on the attitude. The function runs
+    on the host.
+
+    Args:
+        c: Attachment points by row, payload frame [m].
+
+    Returns:
+        The projector `(3 contacts, 3 contacts)`, for stacked contact forces in the payload frame.
+    """
+    G = np.asarray(grasp_matrix(jnp.asarray(c), jnp.eye(3)))
+    return np.linalg.pinv(G) @ G
+
+
 def contact_error(
     agent: AerialManipulator, q: aerial_manipulator.CentroidalModel, state: AgentState, payload: PayloadState
 ) -> Float[Array, "arms 3"]:

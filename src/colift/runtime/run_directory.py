@@ -26,7 +26,7 @@ import shutil
 import socket
 import sys
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +135,20 @@ def read_run_id(file: Path) -> str | None:
     """
     found = RUN_ID_PATTERN.search(bounded_read.read_bytes(file, bounded_read.MAX_LOG_BYTES))
     return None if found is None else found.group().decode()
+
+
+def refuse_foreign_files(files: Iterable[Path]) -> None:
+    """Raise OSError if one of the files exists and contains no identifier of a run, so colift did not write it.
+
+    Args:
+        files: Files to be replaced.
+
+    Raises:
+        OSError: If there is such a file.
+    """
+    for file in files:
+        if file.exists() and read_run_id(file) is None:
+            raise OSError(f"{file.parent} contains {file.name}, which colift did not write: move it")
 
 
 # The exchange of folders ----------------------------------------------------------------------------------------------

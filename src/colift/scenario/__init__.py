@@ -14,6 +14,7 @@ from_urdf         agent type from a URDF file
 from_csv          waypoints from a table
 from_table        sampled reference from a table of poses
 packing           tables of numbers as text
+differences       settings in which two scenarios differ
 dumping           settings to the text of a file
 schema_docs       reference page of the settings
 template          text of a new scenario

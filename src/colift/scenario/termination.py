@@ -73,7 +73,7 @@ def true_hover_thrust(
     """
     z, given = initial_states.equilibrium_state(settings, truth), settings.allocation.internal
     f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
-    required = np.max([_hover_residual(truth, base_controller, z, f, array(t)) for t in moments], axis=0)
+    required = np.max([hover_forces(truth, base_controller, z, f, array(t))[0] for t in moments], axis=0)
     have = np.concatenate([group.thrust_max for group in truth.agent_groups])
     names = team.agent_names(settings)
     short = [
@@ -93,13 +93,24 @@ _acting = jax.jit(disturbances.initial_forces)
 
 
 @jax.jit
-def _hover_residual(
+def hover_forces(
     truth: Team, base_controller: controller.LeaderFollowerController, state: State, f: ResidualForces, t: Array
-) -> Array:
-    """Compute the thrust `(agents,)` [N] at rest with the internal forces at time t [s]."""
+) -> tuple[Array, Array]:
+    """Compute the forces at rest, with the allocation of a controller and its internal forces at one time.
+
+    Args:
+        truth: True parameters.
+        base_controller: Controller.
+        state: State at rest.
+        f: Forces on payload and agents in addition to gravity.
+        t: Time [s].
+
+    Returns:
+        Thrust `(agents,)` [N], and contact forces on the payload `(contacts, 3)` [N, world].
+    """
     W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
     steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
     forces = base_controller.allocator.allocate(
         controller.context_at(base_controller, state, jnp.zeros(6), t), W, steady
     )
-    return termination.hover_thrust(truth, forces.lam, f)
+    return termination.hover_thrust(truth, forces.lam, f), forces.lam

@@ -10,6 +10,7 @@ import xarray as xr
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import AutoMinorLocator, LogLocator, MaxNLocator, NullFormatter
 from scipy.ndimage import uniform_filter1d
 
@@ -124,6 +125,11 @@ def shade_span(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
     """
     if active.any():
         ax.axvspan(t[active][0], t[active][-1], color=ACTIVE_SHADE, linewidth=0, zorder=0)
+
+
+def active_patch() -> Patch:
+    """Return the legend handle of a shaded span."""
+    return Patch(color=ACTIVE_SHADE, linewidth=0)
 
 
 def shade_all(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:

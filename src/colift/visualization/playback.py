@@ -7,7 +7,6 @@ repository (docs/playback.md).
 from __future__ import annotations
 
 import base64
-import html
 import json
 from collections.abc import Mapping
 from importlib import resources
@@ -21,7 +20,7 @@ from colift.analysis import poses
 from colift.closed_loop import log
 from colift.runtime import atomic_write, run_directory
 from colift.scenario import team as team_module
-from colift.visualization import scene
+from colift.visualization import html_page, scene
 
 PAGE_FILE = "playback.html"
 ARROWS = {
@@ -122,14 +121,10 @@ def page_html(data: Mapping[str, Any], policy: str = CONTENT_SECURITY_POLICY) ->
     """
     script = (resources.files("colift.visualization") / "playback.js").read_text(encoding="utf-8")
     names = ", ".join(case["name"] for case in data["cases"])
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
-        f"<title>{html.escape(data['scenario'])}: {names}</title>\n</head>\n<body>\n"
-        f'<script type="application/json" id="flights">{_json_for_html(data)}</script>\n'
-        f"<script>\n{script}</script>\n</body>\n</html>\n"
+    content = (
+        f'<script type="application/json" id="flights">{_json_for_html(data)}</script>\n<script>\n{script}</script>'
     )
+    return html_page.document(f"{data['scenario']}: {names}", content, policy, style="")
 
 
 def encode_array(x: np.ndarray) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -109,11 +109,6 @@ def render_data(ds: xr.Dataset, title: str = "") -> RenderData:
         arrow_scales=scene.arrow_scales(tracks_by_case, shape["size_m"]),
         ground=scene.ground_height(tracks_by_case),
     )
-
-
-def arrow_scale_label(data: RenderData) -> str:
-    """Return a text that states the force per meter of arrow length for each kind of arrow."""
-    return "arrow scale: " + ", ".join(f"{kind} {x:g} N/m" for kind, x in data.arrow_scales.items())
 
 
 # Files ----------------------------------------------------------------------------------------------------------------
@@ -274,6 +269,7 @@ def draw(
     close: bool = False,
     whole_path: bool = False,
     names: bool = False,
+    values: bool = False,
 ) -> None:
     """Draw one row of a flight into empty axes with equal scales in both directions.
 
@@ -285,6 +281,7 @@ def draw(
         close: True if the view contains the team only.
         whole_path: True if the view contains the whole flight. If neither is set, the length of the path decides.
         names: True if the names of agents and contacts are written.
+        values: True if thrusts and contact forces [N] are written below the names.
     """
     tracks, size = data.signals, data.shape["size_m"]
     whole = whole_path or not (close or _path_is_long([data]))
@@ -315,7 +312,7 @@ def draw(
     for start, end in _reference_edges(data, k):
         ax.add_line(Line2D(*_project(np.array([start, end])).T, color=REFERENCE, lw=0.7, dashes=(3, 2), zorder=4))
     if names:
-        _write_names(ax, data, k)
+        _write_names(ax, data, k, values)
     low, high = _project(corners).min(axis=0), _project(corners).max(axis=0)
     middle, half = (low + high) / 2, 0.52 * (high - low)
     box = ax.get_window_extent()
@@ -515,21 +512,26 @@ def _reference_edges(data: RenderData, k: int) -> Iterator[tuple[np.ndarray, np.
                 yield tracks["p_d"][k] + R @ a, tracks["p_d"][k] + R @ b
 
 
-def _write_names(ax: Axes, data: RenderData, k: int) -> None:
+def _write_names(ax: Axes, data: RenderData, k: int, values: bool) -> None:
     """Write the names of agents at their thrust arrows and the names of contacts below the arm tips."""
     tracks = {name: x[k] for name, x in data.signals.items()}
     for j, agent in enumerate(data.shape["agents"]):
         tip = tracks["base"][j] + tracks["u"][j] / data.arrow_scales["thrust"] * _rotation(tracks["base_q"][j])[:, 2]
-        x, y = _project(tip)
-        text = ax.annotate(agent["name"], (x, y), (0, 3), textcoords="offset points", ha="center", fontsize=8, zorder=5)
-        text.set_path_effects(HALO)
-    for contact in data.shape["contacts"]:
-        x, y = _project(tracks["nodes"][contact["node"]])
+        name = f"{agent['name']}\n{tracks['u'][j]:.3g} N" if values else agent["name"]
+        _write(ax, name, tip, 3, "bottom", 8)
+    for contact, force in zip(data.shape["contacts"], np.linalg.norm(tracks["lam"], axis=1), strict=True):
         name = contact["name"].split("/")[1]
-        text = ax.annotate(
-            name, (x, y), (0, -5), textcoords="offset points", ha="center", va="top", fontsize=7, zorder=5
-        )
-        text.set_path_effects(HALO)
+        text = f"{name}\n{force:.3g} N" if values else name
+        _write(ax, text, tracks["nodes"][contact["node"]], -5, "top", 7)
+
+
+def _write(ax: Axes, text: str, position: np.ndarray, offset: int, side: Literal["top", "bottom"], size: int) -> None:
+    """Write a text above or below a point of the world; the offset is in points."""
+    x, y = _project(position)
+    written = ax.annotate(
+        text, (x, y), (0, offset), textcoords="offset points", ha="center", va=side, fontsize=size, zorder=5
+    )
+    written.set(path_effects=HALO, linespacing=1.0)
 
 
 def _rotation(q: np.ndarray) -> np.ndarray:

@@ -1,14 +1,12 @@
-"""Report of a study as one HTML page: warnings, run, metrics, figures, certificate, playback and settings.
+"""Report of a study as one HTML page: conclusion, warnings, run, metrics, figures, certificate, playback and settings.
 
 The page requires no network access and no other file.
 """
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import html
-import json
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,11 +15,12 @@ import xarray as xr
 from rich.table import Table
 
 from colift import scenario
-from colift.analysis import poses, result_files
+from colift.analysis import conclusions, poses, result_files
+from colift.analysis.study_metrics import STUDY_METRICS, format_value
 from colift.closed_loop import log
-from colift.runtime import atomic_write, run_directory
-from colift.scenario import Scenario
-from colift.visualization import playback
+from colift.runtime import atomic_write, bounded_read, run_directory
+from colift.scenario import Scenario, differences
+from colift.visualization import html_page, playback
 
 PAGE_FILE = "report.html"
 SUMMARY, CERTIFICATE = run_directory.SUMMARY_FILE, "certificate.json"
@@ -35,36 +34,27 @@ CAPTIONS = {
     "figure_5_rho_bar": "Figure 5. Error bounds and true prediction errors",
     "figure_6_certificate": "Figure 6. Certified and observed position error, and sources of conservatism",
     "figure_7_reaction": "Figure 7. Online correction: position error, innovations, gains, number of samples",
+    "figure_8_contact_forces": "Figure 8. External and internal part of the contact forces, payload frame",
 }
 """Caption of each figure file."""
-STYLE = """
-:root { color-scheme: light dark; --text: #22262b; --quiet: #5c646d; --line: #d3d8dd; --paper: #fff; --bad: #b3261e; }
-@media (prefers-color-scheme: dark) {
-  :root { --text: #e4e7ea; --quiet: #a2abb4; --line: #363c43; --paper: #15181c; --bad: #ff8a80; }
-}
-body { max-width: 1080px; margin: 0 auto; padding: 16px; background: var(--paper); color: var(--text);
-  font: 15px/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
-h1 { margin: 0; } h2 { margin: 1.6em 0 0.4em; }
-.quiet, figcaption { color: var(--quiet); } .bad { color: var(--bad); font-weight: 600; }
-.wide { overflow-x: auto; } pre { overflow-x: auto; font-size: 13px; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: 3px 9px; border-bottom: 1px solid var(--line); text-align: right; vertical-align: bottom; }
-.wide td, .wide th { white-space: nowrap; } .wide .words td { white-space: normal; min-width: 7em; }
-th:first-child, td:first-child, .words td, .words th { text-align: left; overflow-wrap: normal; }
-.words th { font-weight: normal; color: var(--quiet); vertical-align: top; white-space: nowrap; }
-.words td { overflow-wrap: anywhere; } .wide + .words { margin-top: 1.2em; }
-figure { margin: 1.2em 0; } figure img { display: block; width: 100%; background: #fff; }
+FRAME_STYLE = """
 iframe { width: 100%; height: 860px; border: 1px solid var(--line); }
-@media (max-width: 700px) { iframe { height: 1500px; } .words th { white-space: normal; }
-  figure { overflow-x: auto; } figure img { width: 700px; max-width: none; } }
+@media (max-width: 700px) { iframe { height: 1500px; } }
 """
+CONTACT_COLUMNS = {
+    "peak, mean [N]": "largest and mean norm of the true contact force",
+    "internal peak, mean [N]": "the same for its internal part, which applies no wrench to the payload",
+    "bias x, y, z [N]": "mean of the estimated minus the true force, payload frame",
+    "error [N]": "RMS norm of the estimated minus the true force",
+}
+"""Columns of the table of contact forces, and their definitions."""
 
 
 def write_report(
     out: Path,
     cases: Mapping[str, str],
     metrics_table: Callable[[dict[str, Any]], Table],
-    certificate_table: Callable[[dict[str, Any]], tuple[Table, Sequence[str]]],
+    certificate_table: Callable[[dict[str, Any]], tuple[Table, Sequence[str], Mapping[str, str]]],
 ) -> Path:
     """Write the report of a study to its folder.
 
@@ -75,7 +65,8 @@ def write_report(
         out: Folder of the study.
         cases: Description of each case.
         metrics_table: Function that returns the table of a summary.
-        certificate_table: Function that returns the table of a certificate and the sentences below it.
+        certificate_table: Function that returns the table of a certificate, the sentences below it, and the
+            definitions of its columns.
 
     Returns:
         Path of the report, `out/report.html`.
@@ -95,26 +86,37 @@ def write_report(
     certificate = None
     if (out / CERTIFICATE).is_file() and run_directory.read_run_id(out / CERTIFICATE) == run:
         certificate = result_files.load_certificate(out / CERTIFICATE)
-    descriptions = _definitions({name: cases[name] for name in flights})
+    with _report_damage(out / (SUMMARY if certificate is None else CERTIFICATE)):
+        warnings = collect_warnings(summary, certificate)
     with _report_damage(out / SUMMARY):
         parts = [
             _head(settings, summary),
-            _section("Warnings", _list(collect_warnings(summary, None))),
-            _section("Run", _run(summary, settings) + _omitted_plugins(first)),
-            _section("Second half of the run", _table(metrics_table(summary)) + descriptions),
-            _section("Figures", "".join(_figures(out, run, certificate is not None))),
+            html_page.conclusion(conclusions.conclude_study(summary, warnings)),
+            html_page.section("Warnings", _list(warnings)),
+            html_page.section("Run", _run(summary, settings) + _omitted_plugins(first)),
+            html_page.section(
+                "Second half of the run",
+                _table(metrics_table(summary))
+                + html_page.column_meanings({metric.title: metric.meaning for metric in STUDY_METRICS})
+                + "<h3>Cases</h3>"
+                + html_page.definitions({name: cases[name] for name in flights}),
+            ),
+            *_contact_forces(summary),
+            html_page.section("Figures", "".join(_figures(out, run, certificate is not None))),
         ]
     if certificate is not None:
         with _report_damage(out / CERTIFICATE):
-            parts[1] = _section("Warnings", _list(collect_warnings(summary, certificate)))
-            table, lines = certificate_table(certificate)
-            notes = "".join(f"<p>{html.escape(line)}</p>" for line in lines)
-            parts.append(_section("Certificate", _table(table) + notes))
+            table, lines, columns = certificate_table(certificate)
+            content = _table(table) + html_page.column_meanings(columns) + html_page.paragraphs(lines)
+            parts.append(html_page.section("Certificate", content))
     page = html.escape(playback.build_page(flights, cases))
-    parts.append(_section("Playback", f'<iframe title="playback of the flights" srcdoc="{page}"></iframe>'))
-    parts.append(_section("Settings", _settings(settings)))
+    parts.append(html_page.section("Playback", f'<iframe title="playback of the flights" srcdoc="{page}"></iframe>'))
+    parts.append(html_page.section("Settings", _settings(settings)))
+    text = html_page.document(
+        f"{settings.name}: report", "\n".join(parts), CONTENT_SECURITY_POLICY, html_page.STYLE + FRAME_STYLE, run
+    )
     with run_directory.stage_run_directory(out, run, (PAGE_FILE,)) as folder:
-        atomic_write.write_atomic(folder.path / PAGE_FILE, _document(settings.name, "\n".join(parts)).encode())
+        atomic_write.write_atomic(folder.path / PAGE_FILE, text.encode())
     return out / PAGE_FILE
 
 
@@ -184,29 +186,11 @@ def setting_differences(settings: Scenario) -> list[tuple[str, str, str]] | None
     """
     if settings.name not in scenario.shipped_names():
         return None
-    shipped, here = (
-        _leaves(each.model_dump(mode="json")) for each in (scenario.load_scenario(settings.name), settings)
-    )
-    text = lambda values, path: json.dumps(values[path]) if path in values else "absent"  # noqa: E731
+    shipped = scenario.load_scenario(settings.name)
     return [
-        (path, text(shipped, path), text(here, path))
-        for path in dict.fromkeys([*shipped, *here])
-        if text(shipped, path) != text(here, path)
+        (each.path, each.first, each.second)
+        for each in differences.setting_differences(*(x.model_dump(mode="json") for x in (shipped, settings)))
     ]
-
-
-def _leaves(value: Any, path: str = "") -> dict[str, Any]:
-    """Return settings by their path, in the form of `--set`; null values are omitted."""
-    if isinstance(value, dict):
-        items = value.items()
-    elif isinstance(value, list) and any(isinstance(item, dict | list) for item in value):
-        items = enumerate(value)
-    else:
-        return {} if value is None else {path: value}
-    leaves: dict[str, Any] = {}
-    for name, item in items:
-        leaves |= _leaves(item, f"{path}.{name}" if path else str(name))
-    return leaves
 
 
 # HTML -----------------------------------------------------------------------------------------------------------------
@@ -217,11 +201,6 @@ def _head(settings: Scenario, summary: Mapping[str, Any]) -> str:
     description = f"<p>{html.escape(settings.description)}</p>" if settings.description else ""
     version = html.escape(summary["version"])
     return f'<h1>{html.escape(settings.name)}</h1>{description}<p class="quiet">colift {version}</p>'
-
-
-def _section(title: str, content: str) -> str:
-    """Return a section with its title."""
-    return f"<section><h2>{html.escape(title)}</h2>\n{content}</section>"
 
 
 def _list(warnings: Sequence[tuple[bool, str]]) -> str:
@@ -244,19 +223,14 @@ def _run(summary: Mapping[str, Any], settings: Scenario) -> str:
         "versions": ", ".join(f"{name} {version}" for name, version in summary["versions"].items()),
         "run": f"{summary['run']}, settings {summary['settings_digest']}",
     }
-    differences, name = setting_differences(settings), html.escape(settings.name)
-    if differences is None:
-        return _definitions(rows) + f"<p>{name} is not a shipped scenario; the last section contains its settings.</p>"
-    if not differences:
-        return _definitions(rows) + f"<p>All settings are those of the shipped scenario {name}.</p>"
-    cells = "".join(
-        f"<tr>{''.join(f'<td>{html.escape(each)}</td>' for each in difference)}</tr>" for difference in differences
-    )
-    head = f"<tr><th>setting</th><th>shipped scenario {name}</th><th>this run</th></tr>"
-    return (
-        _definitions(rows)
-        + f'<h3>Changed settings</h3><div class="wide"><table class="words">{head}{cells}</table></div>'
-    )
+    changed, name = setting_differences(settings), html.escape(settings.name)
+    run = html_page.definitions(rows)
+    if changed is None:
+        return run + f"<p>{name} is not a shipped scenario; the last section contains its settings.</p>"
+    if not changed:
+        return run + f"<p>All settings are those of the shipped scenario {name}.</p>"
+    header = ("setting", f"shipped scenario {settings.name}", "this run")
+    return run + "<h3>Changed settings</h3>" + html_page.table(header, changed, words=True)
 
 
 def _omitted_plugins(ds: xr.Dataset) -> str:
@@ -267,21 +241,31 @@ def _omitted_plugins(ds: xr.Dataset) -> str:
     )
 
 
-def _definitions(rows: Mapping[str, str]) -> str:
-    """Return a table with a name and a text in each row."""
-    cells = "".join(f"<tr><th>{html.escape(name)}</th><td>{html.escape(x)}</td></tr>" for name, x in rows.items())
-    return f'<table class="words">{cells}</table>'
-
-
 def _table(table: Table) -> str:
     """Return a table of the terminal as HTML."""
-    head = "".join(
-        f"<th>{html.escape(str(column.header).strip())}</th>".replace("\n", "<br>") for column in table.columns
-    )
-    rows = zip(*(column.cells for column in table.columns), strict=True)
-    body = "".join(f"<tr>{''.join(f'<td>{html.escape(str(cell))}</td>' for cell in row)}</tr>" for row in rows)
-    title = f'<p class="quiet">{html.escape(str(table.title))}</p>' if table.title else ""
-    return f'{title}<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+    header = [str(column.header).strip() for column in table.columns]
+    rows = zip(*([str(cell) for cell in column.cells] for column in table.columns), strict=True)
+    return html_page.table(header, list(rows), title=str(table.title or ""))
+
+
+def _contact_forces(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Return the table of contact forces; studies of earlier versions have none."""
+    rows = [
+        (case, contact, *_contact_cells(found))
+        for case, metrics in summary["cases"].items()
+        for contact, found in metrics.get("contact_forces", {}).items()
+    ]
+    if rows:
+        header = ("case", "contact", "peak\nN", "mean\nN", "internal\npeak N", "internal\nmean N")
+        header = (*header, "bias x\nN", "bias y\nN", "bias z\nN", "error\nN")
+        content = html_page.table(header, rows, text_columns=2) + html_page.column_meanings(CONTACT_COLUMNS)
+        yield html_page.section("Contact forces, second half of the run", content)
+
+
+def _contact_cells(found: Mapping[str, Any]) -> list[str]:
+    """Return the numbers of one contact."""
+    norms = [found[f"{name}_N"] for name in ("peak", "mean", "internal_peak", "internal_mean")]
+    return [format_value(x, 1.0, ".2f") for x in (*norms, *found["bias_N"], found["error_rms_N"])]
 
 
 def _figures(out: Path, run: str, certified: bool) -> Iterator[str]:
@@ -289,23 +273,10 @@ def _figures(out: Path, run: str, certified: bool) -> Iterator[str]:
     for name, caption in CAPTIONS.items():
         file = out / f"{name}.png"
         if file.is_file() and run_directory.read_run_id(file) == run and (certified or name != "figure_6_certificate"):
-            data = base64.b64encode(file.read_bytes()).decode()
-            image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
-            yield f"<figure>{image}<figcaption>{caption}</figcaption></figure>\n"
+            yield html_page.figure(bounded_read.read_bytes(file, bounded_read.MAX_TABLE_BYTES), caption)
 
 
 def _settings(settings: Scenario) -> str:
     """Return the scenario file."""
     text = html.escape(scenario.to_yaml(settings))
     return f"<details><summary>scenario file with all settings</summary><pre>{text}</pre></details>"
-
-
-def _document(title: str, content: str) -> str:
-    """Return the HTML document."""
-    return (
-        '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_SECURITY_POLICY}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n<link rel="icon" href="data:,">\n'
-        f"<title>{html.escape(title)}: report</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        f"{content}\n</body>\n</html>\n"
-    )

@@ -17,13 +17,15 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from colift.analysis.poses import base_positions, desired_attitude
-from colift.closed_loop import log
+from colift.closed_loop import log, pose_signals
 from colift.math import so3
 from colift.math.linalg import matvec
 from colift.models import aerial_manipulator, mjcf
 from colift.models.parameters import AerialManipulator, Team
+from colift.models.state import State
 from colift.scenario import Scenario
 from colift.scenario.team import agent_names, contact_names
+from colift.trajectories.base import PayloadSetpoint
 
 MAX_FRAME_RATE = 30.0  # 1/s, upper limit of the rate of drawn rows
 MIN_LINK_LENGTH = 1e-3  # m, length of the shortest drawn link
@@ -122,17 +124,41 @@ def poses(ds: xr.Dataset, team: Team) -> dict[str, np.ndarray]:
         "q_d": np.asarray(_quaternion(R_d)),
         "base": base,
         "base_q": ds.q.values,
-        "nodes": _nodes(ds, team, base),
+        "nodes": _nodes(team, base, ds.R.values, log.all_joints(ds, "r").values),
         "u": ds.u.values,
         "lam": ds.lam.values,
         "disturbance": non_gravity - ds.lam.values.sum(axis=1),
     }
 
 
-def _nodes(ds: xr.Dataset, team: Team, base: np.ndarray) -> np.ndarray:
+def state_poses(team: Team, state: State, setpoint: PayloadSetpoint) -> dict[str, np.ndarray]:
+    """Return the poses of `frames` for one state of the team, with one row.
+
+    Args:
+        team: True parameters of the team.
+        state: State of the team.
+        setpoint: Reference pose at the same time.
+
+    Returns:
+        Signals by name, without forces.
+    """
+    R, x = (np.concatenate([np.asarray(getattr(group, name)) for group in state.agents])[None] for name in ("R", "x"))
+    r = np.concatenate([np.asarray(group.r).ravel() for group in state.agents])[None]
+    base = pose_signals.base_positions(team, R, x, r)
+    return {
+        "p": np.asarray(state.payload.p)[None],
+        "q": np.asarray(_quaternion(state.payload.R))[None],
+        "p_d": np.asarray(setpoint.p)[None],
+        "q_d": np.asarray(_quaternion(setpoint.R))[None],
+        "base": base,
+        "base_q": np.asarray(_quaternion(jnp.asarray(R))),
+        "nodes": _nodes(team, base, R, r),
+    }
+
+
+def _nodes(team: Team, base: np.ndarray, R: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Compute the positions of base origin, joints and tips of all agents in the world frame [m]; time first."""
     nodes, agent, joint = [], 0, 0
-    R, r = ds.R.values, log.all_joints(ds, "r").values
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         agents, joints = slice(agent, agent + size), slice(joint, joint + size * group.tree.joints)
         own = r[:, joints].reshape(len(r), size, group.tree.joints)

@@ -21,11 +21,12 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from colift.closed_loop import log
 from colift.visualization import axes as axes_module
-from colift.visualization import rendering, uncertainty_figures
+from colift.visualization import contact_force_figures, rendering, team_figure, uncertainty_figures
 from colift.visualization.style import (
     DASH_PATTERNS,
     DOTS,
     PAGE_WIDTH,
+    LineStyle,
     NotebookFigure,
     save_figure,
     style_context,
@@ -34,6 +35,8 @@ from colift.visualization.style import (
 )
 
 COMPARISON_COLUMNS = 4  # of the legend of figures that show all cases
+LEGEND_CHARACTERS = 150  # in one line of the legend, with its handles
+HANDLE_CHARACTERS = 8  # width of a handle and its margins
 MARKERS = 9  # per line, so that lines differ in black and white
 RANGE_OPACITY = 0.3  # opacity of the range of a noisy signal
 TRUE_VALUE_STYLE: dict[str, Any] = {"color": "#88DDCC", "linewidth": 2.2, "solid_capstyle": "butt"}
@@ -50,8 +53,9 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
     """Write all figures of a study as PDF and PNG (300 dpi).
 
     Figures 1 and 2 show all cases. Figures with one column per case omit the baselines if there are other cases.
-    Figure 7 shows the cases with online correction. The line of a case that stopped early ends in a cross. The metadata
-    of each file contain the run id. A folder that cannot be written raises `OSError`.
+    Figure 7 shows the cases with online correction, and figure 8 the last case that is no baseline. The line of a case
+    that stopped early ends in a cross. The metadata of each file contain the run id.
+    A folder that cannot be written raises `OSError`.
 
     Args:
         cases: Log of each case.
@@ -83,6 +87,7 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
         name: ds for name, ds in cases.items() if "innovation_L_force" in ds and "change_points" in ds.attrs
     }:
         plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
+    plots["figure_8_contact_forces"] = lambda: contact_force_figures.plot_contact_force_parts(in_columns, descriptions)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with style_context():
         for name, plot in plots.items():
@@ -99,30 +104,24 @@ def plot_team(cases: axes_module.Cases) -> Figure:
     Returns:
         The figure.
     """
-    figure = Figure(figsize=(PAGE_WIDTH, 3.3))
-    near, far = figure.subplots(1, 2)
-    ds = next(iter(cases.values()))
-    data = rendering.render_data(ds)
-    rendering.draw(near, data, 0, close=True, names=True)
-    near.set_title("team at its initial state")
-    rendering.draw(far, data, 0, whole_path=True)
-    far.set_title("whole path")
-    figure.supxlabel(f"grid {rendering.GRID_SPACING:g} m; {rendering.arrow_scale_label(data)}", fontsize=8)
-    return figure
+    return team_figure.plot_team(rendering.render_data(next(iter(cases.values()))))
 
 
-def plot_tracking_error(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
+def plot_tracking_error(
+    cases: axes_module.Cases, descriptions: Mapping[str, str], styles: Mapping[str, LineStyle] | None = None
+) -> Figure:
     """Plot figure 1: norm of the position error `|e_p|` and attitude error function `Psi`.
 
     Args:
         cases: Log of each case.
         descriptions: Description of each case.
+        styles: Line style of each case; default: `style_of`.
 
     Returns:
         The figure.
     """
     lines = {name: (ds.time.values, (axes_module.norm(ds.e_p), ds.Psi.values)) for name, ds in cases.items()}
-    return _plot_comparison(cases, descriptions, lines, [r"$\|e_p\|$ [m]", r"$\Psi$ [–]"])
+    return _plot_comparison(cases, descriptions, lines, [r"$\|e_p\|$ [m]", r"$\Psi$ [–]"], styles)
 
 
 def plot_wrench_mismatch(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
@@ -152,34 +151,41 @@ Lines = Mapping[str, tuple[np.ndarray, Sequence[np.ndarray]]]  # by case: times,
 
 
 def _plot_comparison(
-    cases: axes_module.Cases, descriptions: Mapping[str, str], lines: Lines, labels: Sequence[str]
+    cases: axes_module.Cases,
+    descriptions: Mapping[str, str],
+    lines: Lines,
+    labels: Sequence[str],
+    styles: Mapping[str, LineStyle] | None = None,
 ) -> Figure:
     """Plot all cases in panels below each other, with the legend below them."""
-    columns = min(COMPARISON_COLUMNS, len(cases))
+    legend = [axes_module.case_label(name, descriptions) for name in cases]
+    fitting = LEGEND_CHARACTERS // (max(map(len, legend)) + HANDLE_CHARACTERS)
+    columns = min(COMPARISON_COLUMNS, len(cases), max(1, fitting))
     figure = NotebookFigure(figsize=(PAGE_WIDTH, 3.6 + 0.16 * math.ceil(len(cases) / columns)))
     axes = list(figure.subplots(len(labels), 1, sharex=True))
     for k, (name, ds) in enumerate(cases.items()):
         t, signals = lines[name]
         for ax, y in zip(axes, signals, strict=True):
-            _plot_line(ax, name, ds, t, y, k / len(cases))
+            _plot_line(ax, name, (styles or {}).get(name, style_of(name)), ds, t, y, k / len(cases))
     for ax, label in zip(axes, labels, strict=True):
         axes_module.log_scale(ax)
         ax.set_ylabel(label)
     axes_module.time_axis(axes[-1], cases)
     axes_module.draw_update_lines(axes, cases)
-    handles, names = axes[0].get_legend_handles_labels()
-    names = [axes_module.case_label(name, descriptions) for name in names]
+    handles, _ = axes[0].get_legend_handles_labels()
     if not all(ds.attrs["complete"] for ds in cases.values()):
         handles.append(Line2D([], [], **TERMINATION_MARKER, color="black"))
-        names.append("stopped early")
-    figure.legend(handles, names, loc="outside lower center", ncols=columns)
+        legend.append("stopped early")
+    figure.legend(handles, legend, loc="outside lower center", ncols=columns)
     figure.align_ylabels(axes)
     return figure
 
 
-def _plot_line(ax: Axes, name: str, ds: xr.Dataset, t: np.ndarray, y: np.ndarray, shift: float) -> None:
+def _plot_line(
+    ax: Axes, name: str, line: LineStyle, ds: xr.Dataset, t: np.ndarray, y: np.ndarray, shift: float
+) -> None:
     """Plot a signal of a case; `shift` in [0, 1) displaces the markers, so that markers of two cases do not overlap."""
-    line, every = style_of(name), axes_module.samples(ds, axes_module.SAMPLE_PERIOD)
+    every = axes_module.samples(ds, axes_module.SAMPLE_PERIOD)
     t, y = t[::every], y[::every]
     spacing = max(1, len(t) // MARKERS)
     ax.plot(
@@ -267,7 +273,7 @@ def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
     handles += [Patch(color=axes_module.GREY, alpha=RANGE_OPACITY, linewidth=0), Line2D([], [], **TRUE_VALUE_STYLE)]
     labels += [f"range in {axes_module.SMOOTHING_WINDOW:g} s", "true value"]
     if internal:
-        handles.append(Patch(color=axes_module.ACTIVE_SHADE, linewidth=0))
+        handles.append(axes_module.active_patch())
         labels.append(r"$\eta$ active")
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
 
@@ -336,7 +342,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
         handles.append((Line2D([], [], color=axes_module.GREY), "samples, payload"))
         handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "samples, one agent"))
     if any((ds.correction_weight.values < 0.5).any() for ds in cases.values()):
-        handles.append((Patch(color=axes_module.ACTIVE_SHADE, linewidth=0), "correction weight below 0.5"))
+        handles.append((axes_module.active_patch(), "correction weight below 0.5"))
     for event, (style, label) in EVENTS.items():
         if any(ds.attrs.get(event) for ds in cases.values()):
             handles.append((Line2D([], [], **style), label))

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift.analysis import joint_limits, learning_benefit, metrics, result_files
+from colift.analysis import contact_forces, joint_limits, learning_benefit, metrics, result_files
 from colift.analysis.feasibility import FeasibilityReport
 from colift.certification import assumptions
 from colift.closed_loop import log
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
+from colift.models import grasp
 from colift.onboard.learning import features, model_update
 from colift.runtime import atomic_write, run_directory
 from colift.runtime.run_directory import RunDirectory
@@ -32,8 +33,8 @@ from colift.workflows import generalization
 STUDY_FILES = (
     *(f"{case}.{kind}" for case in ALL_CASES for kind in ("nc", "csv", "mcap")),
     *(
-        "figure_[0-57]_*.pdf",
-        "figure_[0-57]_*.png",
+        "figure_[0-578]_*.pdf",
+        "figure_[0-578]_*.png",
         "lengthscales_*.csv",
         "lengthscales_*.md",
         run_directory.SUMMARY_FILE,
@@ -117,6 +118,9 @@ def run_study(
         log.save(data[case], out.path / f"{case}.nc")
         found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
         signals = (np.asarray(getattr(flight.records, name)) for name in ("t", "r", "r_dot", "tau_r"))
+        found["contact_forces"] = contact_forces.contact_force_statistics(
+            data[case], np.asarray(grasp.contact_points(experiment.world.team))
+        )
         found["warnings"] += joint_limits.flight_violations(settings, *signals)
         found["wall_time_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found

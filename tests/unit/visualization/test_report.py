@@ -6,7 +6,6 @@ import html
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import Image
@@ -22,33 +21,7 @@ from colift.workflows import study
 from tests.support import browser
 from tests.support import playback_logs as played
 from tests.support import random_logs as flights
-
-SUMMARY = {
-    "scenario": "sample",
-    "seed": 1,
-    "schema": 2,
-    "version": "0.2.0",
-    "settings_digest": "abc",
-    "plant": "rigid",
-    "run": flights.RUN,
-    "command": "colift study 'my team.yaml' --seed 1",
-    "versions": {"python": "3.11.0", "jax": "0.10.1"},
-    "slowest_mode": {"stable": True, "description": "-0.9 rad/s", "eigenvalue_radps": []},
-    "stability_margins": {"delay_margin_s": 0.014, "gain_margin": [0.4, 1.5], "description": "delay margin 14 ms"},
-    "warnings": [],
-    "error_bound_assumptions": {"unproven_assumptions": []},
-}
-
-
-def metrics(**changed: Any) -> dict[str, Any]:
-    """Metrics of a case without problem, as in a summary."""
-    body = {"violation_rate": {"force": 0.0, "moment": 0.0}}
-    keys = ("e_p_rms_m", "e_R_rms", "Psi_mean", "delta_W_force_rms_N", "delta_W_moment_rms_Nm", "e_lam_rms_N")
-    numbers = dict.fromkeys(
-        (*keys, "sigma_L_force_mean_N", "sigma_A_force_mean_N", "lam_max_N", "thrust_max_N"), 0.00123
-    )
-    stated = {"complete": True, "termination_reason": "", "warnings": [], "saturated_ticks": 0}
-    return numbers | stated | {"error_bound": {"payload": body, "agents": [body]}} | changed
+from tests.support.summaries import SUMMARY, metrics, written
 
 
 @pytest.fixture
@@ -61,10 +34,6 @@ def out(tmp_path: Path) -> Path:
     Image.new("RGB", (8, 8), "red").save(tmp_path / "figure_1_tracking.png", pnginfo=named)
     written(tmp_path, {case: metrics() for case in played.CASES})
     return tmp_path
-
-
-def written(out: Path, cases: dict[str, Any], **changed: Any) -> None:
-    (out / "summary.json").write_text(json.dumps(SUMMARY | {"cases": cases} | changed))
 
 
 def made(out: Path) -> str:
@@ -82,6 +51,7 @@ def test_report_contents(out):
     assert "No warnings: all cases are complete and within their limits." in text
     titles = re.findall(r"<h2>(.*?)</h2>", text)
     assert titles == ["Warnings", "Run", "Second half of the run", "Figures", "Playback", "Settings"]
+    assert "<dt>e_p [mm]</dt><dd>RMS norm of the position error</dd>" in text
     assert "<td>C3</td><td>1.2</td>" in text  # mm
     assert text.count("<img ") == 1
     assert "Figure 1. Position error" in text
@@ -101,6 +71,27 @@ def test_report_makes_no_request_and_escapes_names(out):
     assert "<script>" not in text
     assert "default-src 'none'" in text
     assert not re.search(r"""(?:src|href)=["']?(?!["']?data:)\w""", re.sub(r'srcdoc=".*?"', "", text, flags=re.DOTALL))
+
+
+def test_report_begins_with_its_conclusion(out):
+    """A report begins with completed cases, errors with ratios and the number of warnings."""
+    written(out, {"C1": metrics(e_p_rms_m=0.3), "C3": metrics(e_p_rms_m=0.006)}, warnings=["slow"])
+    text = made(out)
+    found = re.search(r'<p id="conclusion">(.*?)</p>', text)
+    assert found
+    assert found[1] == (
+        "C1 and C3 completed the flight. The RMS position error in the second half is 300 mm in C1 and 6 mm in C3 "
+        "(0.02 of C1). There is 1 warning."
+    )
+    assert text.index('<p id="conclusion">') < text.index("<h2>")
+
+
+def test_contact_forces_are_listed_with_their_bias(out):
+    numbers = {"peak_N": 5.11, "mean_N": 4.5, "internal_peak_N": 1.07, "internal_mean_N": 0.43, "error_rms_N": 0.2}
+    written(out, {"C1": metrics(contact_forces={"a/left": numbers | {"bias_N": [0.1, -0.07, None]}}), "C3": metrics()})
+    cells = ("a/left", "5.11", "4.50", "1.07", "0.43", "0.10", "-0.07", "none", "0.20")
+    row = "".join(f"<td>{cell}</td>" for cell in cells[1:])
+    assert f'<tr><td>C1</td><td class="text">a/left</td>{row}</tr>' in made(out)
 
 
 def test_warnings_come_first(out):
@@ -197,13 +188,14 @@ def test_folder_without_study_gives_one_line_and_status_2(out, spoil, answer):
 
 
 @pytest.mark.skipif(browser.FOUND is None, reason="there is no Chromium")
-@pytest.mark.parametrize("width", [1280, 400])
-def test_browser_shows_the_report_and_plays(out, width, tmp_path_factory):
+@pytest.mark.parametrize(("width", "dark"), [(1280, False), (400, True)])
+def test_browser_shows_the_report_and_plays(out, width, dark, tmp_path_factory):
     """A browser shows the report without a network and plays its flights."""
     made(out)
     with browser.page(tmp_path_factory.mktemp("profile")) as page:
-        page.open(out / "report.html", width, ready="document.querySelector('iframe').contentWindow.state")
+        page.open(out / "report.html", width, dark=dark, ready="document.querySelector('iframe').contentWindow.state")
         assert page.evaluate("document.documentElement.scrollWidth") <= width  # a scroll bar may take some
+        assert page.evaluate(browser.CONTRAST) > 4.5
         inside = "document.querySelector('iframe').contentWindow"
         page.evaluate(f"{inside}.seek(1.0)")
         assert page.evaluate(f"{inside}.document.querySelector('#clock').textContent") == "1.00 s"

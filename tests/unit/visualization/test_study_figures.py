@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from colift.closed_loop import log
-from colift.visualization import axes, study_figures, style, uncertainty_figures
+from colift.visualization import axes, contact_force_figures, study_figures, style, uncertainty_figures
 from tests.support import random_logs as flights
 from tests.support.study_logs import CASES, RIVALS, TOLD
 
@@ -60,7 +60,7 @@ def folder(cases, tmp_path_factory):
 
 
 def test_figures_are_written_as_pdf_and_png(folder):
-    names = ("figure_0_team", *FIGURES)
+    names = ("figure_0_team", *FIGURES, "figure_8_contact_forces")
     assert {file.name for file in folder.iterdir()} == {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
     for file in folder.iterdir():
         if file.suffix == ".png":
@@ -393,9 +393,11 @@ def test_baselines_are_omitted_beside_other_cases(cases, tmp_path, monkeypatch):
         "deviation": "plot_predictive_std",
         "contact_forces": "plot_contact_forces",
         "rho_bar": "plot_error_radius",
+        "force_parts": "plot_contact_force_parts",
     }
     for name, function in plots.items():
-        where = study_figures if hasattr(study_figures, function) else uncertainty_figures
+        modules = (study_figures, uncertainty_figures, contact_force_figures)
+        where = next(module for module in modules if hasattr(module, function))
         monkeypatch.setattr(where, function, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
     monkeypatch.setattr(study_figures, "save_figure", lambda *_: [])
     study_figures.write_figures({"true_residual": cases["true_residual"]}, TOLD, tmp_path)
@@ -408,7 +410,9 @@ def test_baselines_are_omitted_beside_other_cases(cases, tmp_path, monkeypatch):
         "tracking": 3,
         "mismatch": 3,
     }
-    assert {tuple(drawn[name]) for name in ("deviation", "contact_forces", "rho_bar")} == {("C1", "mine")}
+    assert {tuple(drawn[name]) for name in ("deviation", "contact_forces", "rho_bar", "force_parts")} == {
+        ("C1", "mine")
+    }
     with pytest.raises(ValueError, match="no cases"):
         study_figures.write_figures({}, TOLD, tmp_path)
 
@@ -417,6 +421,8 @@ def test_the_team_is_drawn_with_its_names(cases):
     near, far = study_figures.plot_team(cases).axes
     assert [text.get_text() for text in near.texts] == ["front", "rear", "left", "right", "left", "right"]
     assert not far.texts
+    key = [text.get_text() for text in study_figures.plot_team(cases).legends[0].get_texts()]
+    assert [text.split(",")[0] for text in key[:3]] == ["thrust", "contact force on the payload", "disturbance force"]
 
 
 def test_unwritable_folder_gives_one_line(cases, tmp_path):
