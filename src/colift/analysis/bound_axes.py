@@ -172,7 +172,7 @@ def yaw_zero(team: Team, state: State, thrust: Float[np.ndarray, "agents"]) -> f
         along = mobility.bound.T @ (mobility.bound @ (R.T @ np.asarray(state.payload.R) @ direction))
         weight = len(contacts) * float((contact_center(contacts) ** 2).sum())
         delay += weight * mobility.mass * mobility.lever(along) / float(u)
-    return math.sqrt(total / delay) if delay > 1e-12 * total else math.inf
+    return math.sqrt(total / delay) if delay > 1e-6 * total else math.inf
 
 
 def advised_yaw_gains(zero: float) -> tuple[float, float]:

@@ -39,14 +39,14 @@ def turns_to_tangent(settings: Scenario, truth: Team, state: State) -> dict[str,
     turns = {}
     for name, agent, r, R in grasp.iter_agents(truth, state, team.agent_names(settings)):
         bound = tip_mobility.tip_mobility(agent, r).bound
-        direction = bound_axes.tangent(agent.contact_position)
+        direction = bound_axes.tangent(np.asarray(agent.contact_position))
         if len(bound) != 1 or direction is None:
             continue
         tangent, axis = np.asarray(state.payload.R) @ direction, R @ bound[0]
         if (tangent @ axis) ** 2 > MIN_BOUND_SHARE:
             angle = np.arctan2(axis[1], axis[0])
             turn = np.degrees(np.arctan2(tangent[1], tangent[0]) + np.pi / 2 - angle) % 180
-            turns[name] = float(turn if turn <= 90 + 1e-6 else turn - 180)
+            turns[name] = round(float(turn if turn <= 90.05 else turn - 180), 1)
     return turns
 
 

@@ -10,6 +10,7 @@ See Also:
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
@@ -20,11 +21,12 @@ from colift.analysis import headings, joint_limits, stability
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import State
-from colift.scenario import Scenario, ScenarioError, experiment, initial_states, team
+from colift.scenario import Scenario, ScenarioError, controllers, experiment, initial_states, team
 
 MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, one tenth of the limit of `grasp.check_controllability`
 SEARCH_TIME = 15.0  # s of processor time, for one search
 MAX_CANDIDATES = 2  # changes that are evaluated in full, of those that are best to first order
+MIN_IMPROVEMENT = 0.2  # of the growth rate of a loop with scaled or delayed commands, relative to the present one
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # gains of the agents last
 
 T = TypeVar("T")
@@ -82,13 +84,16 @@ def margin_changes(
         One sentence per description.
     """
     best = {name: (loop.growth, "") for name, loop in loops.items()}
+    c1, (truth, nominal) = experiment.make_experiment(settings, "C1"), team.team(settings)
+    z = initial_states.equilibrium_state(settings, truth)
     for option, changed in gain_changes(settings):
-        flight_experiment = experiment.make_experiment(changed, "C1")
-        z = initial_states.equilibrium_state(changed, flight_experiment.world.team)
+        controller = controllers.make_controller(changed, nominal)
+        controller = dataclasses.replace(controller, recorder=c1.controller.recorder)
+        changed_experiment = dataclasses.replace(c1, controller=controller)
         for name, loop in loops.items():
-            derivative = stability.directional_derivative(flight_experiment, z, x, loop.right[: len(loop.B)])
+            derivative = stability.directional_derivative(changed_experiment, z, x, loop.right[: len(loop.B)])
             growth = loop.predict_growth(derivative)
-            if np.isfinite(growth) and growth < best[name][0] - 0.02 * abs(loop.growth):
+            if np.isfinite(growth) and growth < best[name][0] and loop.growth - growth > MIN_IMPROVEMENT * loop.growth:
                 best[name] = growth, option
     return {
         name: f"{option} changes the growth rate with {name} from {loops[name].growth:+.3g} to {growth:+.3g} 1/s, to "

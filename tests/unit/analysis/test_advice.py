@@ -9,12 +9,24 @@ import pytest
 import typer
 
 from colift import scenario
-from colift.analysis import joint_limits, learning_benefit, preflight, remedies
+from colift.analysis import (
+    bound_axis_checks,
+    headings,
+    joint_limits,
+    learning_benefit,
+    loop_checks,
+    preflight,
+    remedies,
+)
 from colift.cli.app import app
 from colift.scenario import Scenario, structure, termination, vehicle_import
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 
-SOURCES = [inspect.getsource(m) for m in (joint_limits, learning_benefit, preflight, remedies, structure, termination)]
+MODULES = (
+    *(bound_axis_checks, headings, joint_limits, learning_benefit, loop_checks, preflight, remedies),
+    *(structure, termination),
+)
+SOURCES = [inspect.getsource(m) for m in MODULES]
 SECTIONS = "sensors|control|learning|payload|reference|termination|agent_types|agents"
 
 
