@@ -130,8 +130,8 @@ def yaw_advice(
     k_R, k_omega = (np.broadcast_to(x, (3,)).tolist() for x in (given.k_R, given.k_omega))
     stiffness, rate = bound_axes.advised_yaw_gains(zero)
     advice = [
-        f"--set control.k_R=[{k_R[0]:g},{k_R[1]:g},{min(stiffness, k_R[2]):g}] "
-        f"--set control.k_omega=[{k_omega[0]:g},{k_omega[1]:g},{min(rate, k_omega[2]):g}]"
+        f"--set 'control.k_R=[{k_R[0]:g},{k_R[1]:g},{min(stiffness, k_R[2]):g}]' "
+        f"--set 'control.k_omega=[{k_omega[0]:g},{k_omega[1]:g},{min(rate, k_omega[2]):g}]'"
     ]
     if turns := headings.turns_to_tangent(settings, truth, state):
         option, _ = headings.heading_change(settings, turns)

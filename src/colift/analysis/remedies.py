@@ -339,9 +339,14 @@ def posture_bandwidth_changes(settings: Scenario, rate: float) -> Iterator[Chang
 
 
 def control_change(settings: Scenario, name: str, value: float | list[float]) -> Change:
-    """Return the change of one controller setting."""
+    """Return the change of one controller setting; equal gains are one number, others are quoted for the shell."""
     control = settings.control.model_copy(update={name: value})
-    return f"--set control.{name}={value}", settings.model_copy(update={"control": control})
+    changed = settings.model_copy(update={"control": control})
+    if not isinstance(value, list):
+        return f"--set control.{name}={value}", changed
+    if len(set(value)) == 1:
+        return f"--set control.{name}={value[0]}", changed
+    return f"--set 'control.{name}=[{','.join(f'{x:g}' for x in value)}]'", changed
 
 
 def nominal_position_changes(settings: Scenario, name: str | None = None) -> Iterator[Change]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 
 import pytest
 import typer
@@ -74,3 +75,12 @@ def test_the_path_of_a_nominal_position_can_be_set(from_file: bool, tmp_path) ->
     path = joint_limits.nominal_position_path(settings, kind, joint)
     changed = scenario.load_scenario(name, [f"{path}=0.321"])
     assert changed.agent_types[kind].joints[1].nominal_position_rad == 0.321
+
+
+def test_lists_of_gains_are_typed_as_one_word() -> None:
+    """Equal gains are one number; a list is quoted. The typed option yields the proposed scenario."""
+    for gains in ([3.5, 3.5, 3.5], [3.5, 3.0, 2.5]):
+        option, changed = remedies.control_change(scenario.load_scenario("paper"), "K_p", gains)
+        flag, override = shlex.split(option)
+        assert flag == "--set"
+        assert scenario.load_scenario("paper", [override]).control == changed.control

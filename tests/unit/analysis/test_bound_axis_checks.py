@@ -57,7 +57,7 @@ def test_yaw_gains_above_the_limit_are_weak_with_typed_advice():
     assert found.level is bound_axis_checks.YAW_GAIN_LEVEL is Level.weak
     assert "zero at 6.5 rad/s: control.k_R = 60 1/s^2 about z (limit 5.29)" in found.message
     gains, turned = found.advice
-    assert gains == "--set control.k_R=[60,60,4.2] --set control.k_omega=[14,14,2.6]"
+    assert gains == "--set 'control.k_R=[60,60,4.2]' --set 'control.k_omega=[14,14,2.6]'"
     assert re.match(r"--set agents\.agent_1\.yaw_deg=-?90 --set agents\.agent_2\.yaw_deg=\S+ --set", turned)
 
 
@@ -79,7 +79,7 @@ def test_three_yaw_gains_are_read_per_axis(monkeypatch: pytest.MonkeyPatch):
     good = yaw_finding((60.0, 60.0, 4.2), (14.0, 14.0, 2.6))
     assert (good.level, good.advice) == (Level.passed, ())
     bad = yaw_finding((60.0, 60.0, 4.2), (14.0, 14.0, 14.0))
-    assert bad.advice[0] == "--set control.k_R=[60,60,4.2] --set control.k_omega=[14,14,2.6]"
+    assert bad.advice[0] == "--set 'control.k_R=[60,60,4.2]' --set 'control.k_omega=[14,14,2.6]'"
 
 
 def test_turned_arms_have_no_yaw_finding():
