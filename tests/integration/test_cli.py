@@ -386,6 +386,8 @@ def test_summary_contains_all_documented_keys(flown: Path):
         assert found["num_samples"]["agents"] == (3 * 38 if case == "C3" else 0)
         assert found["warnings"] == []
     assert summary["slowest_mode"]["stable"]
+    assert summary["check"]["verdict"] in ("sound", "weak")
+    assert summary["check"]["failed"] == []
     assert set(summary["hover_thrust_N"]) == set(light.NAMES)
     assert len(summary["termination_limits"]["min_delassus_singular_value_1pkg"]) == 3
     assert summary["cases"]["C3"]["update_times_s"] == [1, 2]

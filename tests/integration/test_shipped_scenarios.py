@@ -16,7 +16,7 @@ import pytest
 from colift import gp, scenario
 from colift.analysis import preflight
 from colift.models import grasp
-from colift.scenario import team
+from colift.scenario import experiment, team
 from colift.simulation.contact_dynamics import CONSISTENCY_TOLERANCE
 from evidence import redundant
 from tests.support import shipped_flights as shipped
@@ -96,6 +96,15 @@ def test_jax_use_before_import_gives_a_warning():
     assert FLAG in late.stderr
     assert run("-W", "error", "-c", used, XLA_FLAGS=FLAG).returncode == 0
     assert run("-W", "error", "-c", "import jax; import colift; jax.numpy.ones(3)").returncode == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", scenario.shipped_names())
+def test_no_shipped_scenario_is_unsound(name: str):
+    settings = scenario.load_scenario(name)
+    c1 = experiment.make_experiment(settings, "C1")
+    report, _ = preflight.check_experiment(settings, c1, "C1", search=False)
+    assert report.passed, report.format_report()
 
 
 TEAMS = ("beam", "trio", "uneven", "plate", "seven", "hover", "heavy", "turning")

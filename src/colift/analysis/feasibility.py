@@ -1,4 +1,4 @@
-"""Feasibility of a scenario before simulation: slowest mode, stability margins and hover thrust."""
+"""Feasibility of a scenario before simulation: verdict of the preflight check, modes, margins and hover thrust."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from colift.analysis import reference_checks, stability
+from colift.analysis import preflight, reference_checks, stability
+from colift.analysis.findings import Level, PreflightReport
 from colift.closed_loop import flight
-from colift.scenario import Scenario, initial_states, team, termination
+from colift.scenario import Scenario, team, termination
 
 
 @dataclasses.dataclass(frozen=True)
 class FeasibilityReport:
     """Results of the feasibility assessment of a scenario."""
 
+    check: PreflightReport  # findings of the preflight check, without advice that requires further linearizations
     modes: stability.Modes | None  # of the first case at equilibrium; None if no equilibrium was found
     margins: stability.Margins | None  # of the first case; None if the loop has no equilibrium or is unstable
     hover_thrust: Mapping[str, float]  # N, thrust of each agent in hover on the reference
@@ -43,7 +45,18 @@ class FeasibilityReport:
                 "description": self.margins.describe(),
             }
         hover, warnings = dict(self.hover_thrust), list(self.warnings)
-        return {"slowest_mode": mode, "stability_margins": margins, "hover_thrust_N": hover, "warnings": warnings}
+        check = {
+            "verdict": self.check.verdict.value,
+            "failed": list(self.check.subjects(Level.failed)),
+            "weak": list(self.check.subjects(Level.weak)),
+        }
+        return {
+            "check": check,
+            "slowest_mode": mode,
+            "stability_margins": margins,
+            "hover_thrust_N": hover,
+            "warnings": warnings,
+        }
 
 
 def assess_feasibility(
@@ -51,7 +64,7 @@ def assess_feasibility(
     experiments: Mapping[str, flight.Experiment],
     thrust_margin: float = termination.HOVER_THRUST_MARGIN,
 ) -> FeasibilityReport:
-    """Assess the sampled loop of the first experiment at equilibrium, the thrust in hover, and the reference.
+    """Check the sampled loop of the first experiment at equilibrium, the thrust in hover, and the reference.
 
     Args:
         settings: Scenario.
@@ -59,18 +72,16 @@ def assess_feasibility(
         thrust_margin: Share of an agent's largest thrust below which a remaining thrust in hover causes a warning.
 
     Returns:
-        Modes, margins, hover thrust and warnings.
+        Verdict, modes, margins, hover thrust and warnings.
     """
-    first, warnings, modes, margins = next(iter(experiments.values())), [], None, None
-    try:
-        x, M = stability.equilibrium_and_jacobian(first, initial_states.equilibrium_state(settings, first.world.team))
-        modes = stability.compute_modes(x, M, first.dt)
-        if modes.stable:
-            margins = stability.stability_margins(x, M, first.dt)
-        else:
-            warnings.append(f"the loop is unstable at equilibrium: slowest mode {modes.describe_slowest()}")
-    except ValueError as error:
-        warnings.append(str(error))
+    case, first = next(iter(experiments.items()))
+    report, loop = preflight.check_experiment(settings, first, case, thrust_margin=thrust_margin, search=False)
+    modes, margins = (None, None) if loop is None else (loop.modes, loop.margins)
+    warnings = [finding.message for finding in report.findings if finding.subject == "equilibrium"]
+    if modes is not None and not modes.stable:
+        warnings.append(f"the loop is unstable at equilibrium: slowest mode {modes.describe_slowest()}")
+    if loop is not None and loop.unknown_margins:
+        warnings.append(loop.unknown_margins)
     names, truth = team.agent_names(settings), first.world.team
     hover = termination.true_hover_thrust(settings, truth, first.controller, first.world.disturbances)
     available = np.concatenate([group.thrust_max for group in truth.agent_groups])
@@ -83,4 +94,4 @@ def assess_feasibility(
     if (found := reference_checks.check_reference(settings, truth)) is not None:
         warnings += found.warnings
     thrust = dict(zip(names, hover.tolist(), strict=True))
-    return FeasibilityReport(modes=modes, margins=margins, hover_thrust=thrust, warnings=tuple(warnings))
+    return FeasibilityReport(report, modes, margins, hover_thrust=thrust, warnings=tuple(warnings))

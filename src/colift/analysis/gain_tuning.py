@@ -21,7 +21,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import linprog
 
-from colift.analysis import metrics, preflight, stability
+from colift.analysis import loop_checks, metrics, stability
 from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.models import grasp
 from colift.models.state import State
@@ -118,7 +118,7 @@ def linearize_scenario(settings: Scenario) -> LoopDesign:
     Returns:
         The loop, also with true parameters in the controller if they differ from the nominal ones.
     """
-    true_parameters = preflight.with_true_parameters(settings)
+    true_parameters = loop_checks.with_true_parameters(settings)
     return dataclasses.replace(
         _linearize_at_equilibrium(settings),
         with_learned_parameters=_linearize_at_equilibrium(true_parameters) if true_parameters != settings else None,
@@ -134,7 +134,7 @@ def _linearize_at_equilibrium(settings: Scenario) -> LoopDesign:
 
 def tunable_gains(settings: Scenario) -> tuple[str, ...]:
     """Return the names of the gains to tune; the posture bandwidth only for agents with redundant joints."""
-    redundant = preflight.is_redundant(settings) and settings.control.posture_bandwidth > 0
+    redundant = loop_checks.is_redundant(settings) and settings.control.posture_bandwidth > 0
     return GAINS if redundant else GAINS[:-1]
 
 

@@ -8,14 +8,22 @@ See Also:
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 
-from colift.analysis import joint_limits, learning_benefit, reference_checks, reference_loads, remedies, stability
+from colift.analysis import (
+    bound_axes,
+    bound_axis_checks,
+    joint_limits,
+    learning_benefit,
+    loop_checks,
+    reference_checks,
+    reference_loads,
+    remedies,
+)
+from colift.analysis.findings import Finding, Level, PreflightReport, failure
 from colift.closed_loop import flight
 from colift.models import grasp
 from colift.models.parameters import Team
@@ -33,55 +41,9 @@ from colift.scenario import (
 )
 
 MAX_GRASP_CONDITION = 30.0  # of the grasp matrix with moments divided by the RMS distance of the contacts
-MIN_DELAY_MARGIN = 0.002  # s, typical delay of a bus and a flight controller
 MAX_LINEARIZED_JOINTS = 10  # of an agent; the time of compilation grows with them
 SAMPLE_TIMES = 400  # times on the reference at which the required thrust is evaluated
-
-
-@dataclasses.dataclass(frozen=True)
-class Finding:
-    """Result of one check."""
-
-    subject: str  # what was checked
-    message: str  # one sentence with values and units
-    values: dict[str, Any]  # the values by name, with units in the names
-    advice: tuple[str, ...] = ()  # proposed changes; empty if and only if the check passed
-
-
-@dataclasses.dataclass(frozen=True)
-class PreflightReport:
-    """All findings of a scenario; few if the team cannot be built or has no equilibrium."""
-
-    scenario: str
-    findings: tuple[Finding, ...]
-
-    @property
-    def passed(self) -> bool:
-        """True if no check failed."""
-        return not any(found.advice for found in self.findings)
-
-    @property
-    def summary(self) -> dict[str, Any]:
-        """Result and findings as printed by `check --json`; a key of `checks` is the subject of a finding."""
-        checks = {
-            finding.subject.replace(" ", "_"): {
-                "passed": not finding.advice,
-                "message": finding.message,
-                "advice": list(finding.advice),
-                **finding.values,
-            }
-            for finding in self.findings
-        }
-        return {"scenario": self.scenario, "passed": self.passed, "checks": checks}
-
-    def format_report(self) -> list[str]:
-        """Format the findings for the terminal: one line each, advice below failed ones, the result last."""
-        lines, width = [], max(len(finding.subject) for finding in self.findings)
-        for finding in self.findings:
-            lines.append(f"{finding.subject:{width}}  {finding.message}")
-            lines += [f"{'':{width}}  advice: {advice}" for advice in finding.advice]
-        failed = [finding.subject for finding in self.findings if finding.advice]
-        return [*lines, f"{self.scenario}: {'failed: ' + ', '.join(failed) if failed else 'passed'}"]
+WEAK_THRUST_MARGIN = 0.2  # share of the largest thrust below which the remaining thrust is weak
 
 
 def run_preflight(
@@ -108,110 +70,90 @@ def run_preflight(
             print("\n".join(report.format_report()))
     """
     truth, nominal = team.team(settings)
-    findings = [_mass(settings, truth, nominal)]
+    mass = _mass(settings, truth, nominal)
     if errors := structure.structural_errors(settings, truth):
-        refused = Finding(
-            "build", "; ".join(error.message for error in errors), {}, tuple(error.advice for error in errors)
-        )
-        return PreflightReport(settings.name, (*findings, refused))
+        message = "; ".join(error.message for error in errors)
+        refused = failure("build", message, {}, *(error.advice for error in errors))
+        return PreflightReport(settings.name, (mass, refused))
+    contacts = _contacts(settings, truth)
     try:
-        findings.append(_contacts(settings, truth))
         progress("team")
-        flight_experiment = experiment.make_experiment(settings, "C1")
-        z = initial_states.equilibrium_state(settings, truth)
-        findings.append(_thrust(settings, flight_experiment, z, thrust_margin))
-        findings += [*_reference(settings, truth)]
-        findings += [*_joints(settings, truth, z), *_limits(settings, z), *_labels(settings, nominal)]
-        findings += _learnable(settings, flight_experiment, z)
+        c1 = experiment.make_experiment(settings, "C1")
+        return check_experiment(settings, c1, "C1", progress, thrust_margin)[0]
     except ScenarioError as error:
-        return PreflightReport(
-            settings.name,
-            (
-                *findings,
-                Finding("build", str(error), {}, remedies.advice_for_rejection(settings, str(error), progress)),
-            ),
-        )
+        advice = remedies.advice_for_rejection(settings, str(error), progress)
+        return PreflightReport(settings.name, (mass, contacts, failure("build", str(error), {}, *advice)))
+
+
+def check_experiment(
+    settings: Scenario,
+    case_experiment: flight.Experiment,
+    case: str,
+    progress: Callable[[str], None] = lambda _what: None,
+    thrust_margin: float = termination.HOVER_THRUST_MARGIN,
+    search: bool = True,
+) -> tuple[PreflightReport, loop_checks.LoopAnalysis | None]:
+    """Check a scenario whose experiment has been built.
+
+    Args:
+        settings: Scenario.
+        case_experiment: Experiment of the case whose loop is linearized.
+        case: Identifier of this case.
+        progress: Function called with a description of the progress.
+        thrust_margin: Share of an agent's largest thrust that must remain in hover and on the reference.
+        search: Whether to search for advice that requires further linearizations.
+
+    Returns:
+        The findings, and the linearized loop; None if it has no equilibrium or is not evaluated.
+    """
+    truth, nominal = team.team(settings)
+    z = initial_states.equilibrium_state(settings, truth)
+    findings = [
+        _mass(settings, truth, nominal),
+        _contacts(settings, truth),
+        _thrust(settings, case_experiment, z, thrust_margin),
+        *_reference(settings, truth),
+        *_joints(settings, truth, z),
+        *_limits(settings, z),
+        *_labels(settings, nominal),
+        *_learnable(settings, case_experiment, z),
+        *_bound_axes(settings, case_experiment, z),
+    ]
+    loop_findings, loop = _check_loop(settings, case_experiment, case, z, progress, search)
+    return PreflightReport(settings.name, (*findings, *loop_findings)), loop
+
+
+def _check_loop(
+    settings: Scenario,
+    case_experiment: flight.Experiment,
+    case: str,
+    state: State,
+    progress: Callable[[str], None],
+    search: bool,
+) -> tuple[list[Finding], loop_checks.LoopAnalysis | None]:
+    """Linearize the loop at equilibrium and check it."""
     largest = max(len(settings.agent_types[agent.type].joints) for agent in settings.agents)
     if largest > MAX_LINEARIZED_JOINTS:
         message = f"not evaluated: the linearization for an agent with {largest} joints takes minutes"
         advice = f"use agents with at most {MAX_LINEARIZED_JOINTS} joints, or simulate the team with `colift study`"
-        return PreflightReport(
-            settings.name, (*findings, Finding("slowest mode", message, {"stable": None}, (advice,)))
-        )
+        return [Finding("slowest mode", message, {"stable": None}, (advice,), Level.weak)], None
     progress("linearization at equilibrium")
     try:
-        x, M = stability.equilibrium_and_jacobian(flight_experiment, z)
+        loop = loop_checks.analyze_loop(case_experiment, state)
     except ValueError as error:
-        no_equilibrium = Finding(
-            "equilibrium", str(error), {}, ("reduce control.K_p and control.agent_k_R by half and repeat the check",)
-        )
-        return PreflightReport(settings.name, (*findings, no_equilibrium))
-    modes = stability.compute_modes(x, M, flight_experiment.dt)
-    mode_finding = Finding(
-        "slowest mode",
-        _describe_mode(settings, modes),
-        {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)},
-        () if modes.stable else remedies.stabilizing_changes(settings, x, M, progress),
-    )
-    delay = (*_posture(settings, modes, progress), _delay(settings, x, M, progress)) if modes.stable else ()
-    gain_findings = _gain(x, M) if modes.stable else ()
-    return PreflightReport(
-        settings.name, (*findings, mode_finding, *_learned_mode(settings, progress), *delay, *gain_findings)
-    )
-
-
-def with_true_parameters(settings: Scenario) -> Scenario:
-    """Return the scenario with the true parameters in the controller, as after successful learning."""
-    nominal = settings.nominal.model_copy(update={"payload": None, "agent_types": {}})
-    return settings.model_copy(update={"nominal": nominal})
-
-
-def _learned_mode(settings: Scenario, progress: Callable[[str], None]) -> Iterator[Finding]:
-    """Check the slowest mode with true parameters in the controller, if they differ from the nominal ones."""
-    true_parameters = with_true_parameters(settings)
-    if true_parameters == settings:
-        return
-    progress("linearization at equilibrium, true parameters")
-    try:
-        modes = remedies.modes_at_equilibrium(true_parameters)
-    except ValueError as error:
-        yield Finding("learned mode", f"with true parameters: {error}", {}, ("see equilibrium",))
-        return
-    yield Finding(
-        "learned mode",
-        f"slowest mode with true parameters {_describe_mode(true_parameters, modes)}",
-        {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)},
-        () if modes.stable else ("use `colift tune`, which includes this equilibrium",),
-    )
-
-
-def is_redundant(settings: Scenario) -> bool:
-    """Return whether an agent has joints that contacts and attitude do not determine, `n_r > 3 n - 3`.
-
-    `control.posture_bandwidth` applies to these joints.
-
-    Args:
-        settings: Scenario.
-
-    Returns:
-        True if any agent is redundant.
-    """
-    agent_types = (settings.agent_types[agent.type] for agent in settings.agents)
-    return any(len(agent_type.joints) > 3 * len(agent_type.arms) - 3 for agent_type in agent_types)
-
-
-def _posture(settings: Scenario, modes: stability.Modes, progress: Callable[[str], None]) -> Iterator[Finding]:
-    """Check the convergence rate of the redundant joints; it fails below half of the required rate."""
-    required = settings.control.posture_bandwidth
-    if not is_redundant(settings) or (mode := remedies.slowest_joint_mode(modes)) is None:
-        return
-    rate, joint = mode[0], team.joint_names(settings)[mode[1]]
-    yield Finding(
-        "posture",
-        f"redundant joints converge at {rate:.3g} 1/s, slowest {joint}; control.posture_bandwidth = {required:g}",
-        {"convergence_rate_1ps": rate, "posture_bandwidth_1ps": required},
-        remedies.posture_changes(settings, rate, joint, progress) if rate < required / 2 or required == 0 else (),
-    )
+        advice = "reduce control.K_p and control.agent_k_R by half and repeat the check"
+        return [failure("equilibrium", str(error), {}, advice)], None
+    findings = [
+        loop_checks.check_mode(settings, loop, progress, search),
+        *loop_checks.check_learned_mode(settings, case, progress),
+    ]
+    if loop.modes.stable:
+        findings += [
+            *loop_checks.check_posture(settings, loop.modes, progress, search),
+            *loop_checks.check_margins(settings, loop, progress, search),
+            loop_checks.check_disturbances(settings, case_experiment, state, loop),
+        ]
+    return findings, loop
 
 
 def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
@@ -266,6 +208,7 @@ def _contacts(settings: Scenario, truth: Team) -> Finding:
         f"grasp matrix of {len(c)} contacts has rank {rank} of 6, condition {condition:.3g}",
         {"rank": rank, "condition_number": condition},
         advice,
+        Level.failed if advice else Level.passed,
     )
 
 
@@ -284,7 +227,8 @@ def _joints(settings: Scenario, truth: Team, state: State) -> Iterator[Finding]:
     if any(len(settings.agent_types[agent_type].joints) for agent_type in agent_types.values()):
         worst = max(conditions, key=lambda name: conditions[name])
         message = f"largest condition number of the grasp Jacobians {conditions[worst]:.3g} ({worst})"
-        yield Finding("joints", message, {"condition_number": conditions}, tuple(advice))
+        level = Level.failed if advice else Level.passed
+        yield Finding("joints", message, {"condition_number": conditions}, tuple(advice), level)
 
 
 def _limits(settings: Scenario, state: State) -> Iterator[Finding]:
@@ -292,58 +236,88 @@ def _limits(settings: Scenario, state: State) -> Iterator[Finding]:
     equilibrium = np.concatenate([np.asarray(group.r).ravel() for group in state.agents])
     sentences, advice = joint_limits.position_violations(settings, equilibrium)
     if sentences:
-        yield Finding("joint limits", "; ".join(sentences), {"violations": list(sentences)}, advice)
+        yield failure("joint limits", "; ".join(sentences), {"violations": list(sentences)}, *advice)
 
 
-def _thrust(settings: Scenario, experiment: flight.Experiment, state: State, margin: float) -> Finding:
-    """Check that a share of the thrust remains in hover and on the reference."""
-    names = team.agent_names(settings)
-    available = np.concatenate([group.thrust_max for group in experiment.world.team.agent_groups])
-    t = np.linspace(0.0, experiment.duration, SAMPLE_TIMES)
-    hover = termination.true_hover_thrust(
-        settings, experiment.world.team, experiment.controller, experiment.world.disturbances
-    )
-    reference_thrust = reference_loads.thrust_profile(experiment, state, t)
-    margins = [1 - hover / available, 1 - reference_thrust.max(0) / available]
-    smallest = [int(np.argmin(values)) for values in margins]
-    worst_time = float(t[int(np.argmax(reference_thrust[:, smallest[1]]))])
-    hover_ok, advice = margins[0][smallest[0]] >= margin, []
-    for k, phase in enumerate(("hover", "reference")):
-        if margins[k][smallest[k]] < margin:
-            name, required = names[smallest[k]], hover if k == 0 else reference_thrust.max(0)
-            agent_type = next(agent.type for agent in settings.agents if agent.name == name)
-            thrust_max = required[smallest[k]] / (1 - margin)
-            proposal = f"{phase}: raise agent_types.{agent_type}.thrust_max_N to {thrust_max:.3g} or more"
-            if required.sum() < (1 - margin) * available.sum():
-                proposal += (
-                    f", or move the contacts of {name} away from the payload's center of mass, so that the others "
-                    "carry more"
-                )
-            else:  # the total thrust is too small
-                proposal += ", lower payload.mass_kg, or add an agent"
-            if k == 1 and hover_ok and settings.reference.kind == "lissajous":
-                proposal += f", or use {reference_checks.slower_reference(settings)}"
-            elif k == 1 and hover_ok:
-                proposal += ", or use a slower reference"
-            advice.append(proposal)
+def _thrust(settings: Scenario, case_experiment: flight.Experiment, state: State, margin: float) -> Finding:
+    """Check that a share of the thrust remains in hover and on the reference; weak below `WEAK_THRUST_MARGIN`."""
+    names, world = team.agent_names(settings), case_experiment.world
+    available = np.concatenate([group.thrust_max for group in world.team.agent_groups])
+    t = np.linspace(0.0, case_experiment.duration, SAMPLE_TIMES)
+    hover = termination.true_hover_thrust(settings, world.team, case_experiment.controller, world.disturbances)
+    reference_thrust = reference_loads.thrust_profile(case_experiment, state, t)
+    required = {"hover": hover, "reference": reference_thrust.max(0)}
+    margins = {phase: 1 - thrust / available for phase, thrust in required.items()}
+    smallest = {phase: int(np.argmin(values)) for phase, values in margins.items()}
+    values = {phase: float(margins[phase][k]) for phase, k in smallest.items()}
+    worst_time = float(t[int(np.argmax(reference_thrust[:, smallest["reference"]]))])
+    worst = min(values.values())
+    level = Level.failed if worst < margin else Level.weak if worst < WEAK_THRUST_MARGIN else Level.passed
+    limit = margin if level is Level.failed else max(margin, WEAK_THRUST_MARGIN)
+    advice = [
+        _thrust_advice(settings, phase, smallest[phase], required[phase], available, limit)
+        + (_slower(settings) if phase == "reference" and values["hover"] >= limit else "")
+        for phase in required
+        if values[phase] < limit
+    ]
+    first, second = smallest.values()
     return Finding(
         "thrust",
-        f"smallest margin in hover {margins[0][smallest[0]]:.1%} of {available[smallest[0]]:.4g} N "
-        f"({names[smallest[0]]}), on the reference {margins[1][smallest[1]]:.1%} ({names[smallest[1]]}, "
+        f"smallest margin in hover {values['hover']:.1%} of {available[first]:.4g} N "
+        f"({names[first]}), on the reference {values['reference']:.1%} ({names[second]}, "
         f"at {worst_time:.3g} s)",
         {
             "hover_thrust_N": dict(zip(names, hover.tolist(), strict=True)),
-            "max_reference_thrust_N": dict(zip(names, reference_thrust.max(0).tolist(), strict=True)),
+            "max_reference_thrust_N": dict(zip(names, required["reference"].tolist(), strict=True)),
             "thrust_max_N": dict(zip(names, available.tolist(), strict=True)),
         },
         tuple(advice),
+        level,
     )
+
+
+def _thrust_advice(
+    settings: Scenario, phase: str, k: int, required: np.ndarray, available: np.ndarray, margin: float
+) -> str:
+    """Propose changes that increase the thrust margin of the agent k in a phase."""
+    name = team.agent_names(settings)[k]
+    agent_type = next(agent.type for agent in settings.agents if agent.name == name)
+    proposal = f"{phase}: raise agent_types.{agent_type}.thrust_max_N to {required[k] / (1 - margin):.3g} or more"
+    if required.sum() < (1 - margin) * available.sum():
+        return (
+            f"{proposal}, or move the contacts of {name} away from the payload's center of mass, so that the others "
+            "carry more"
+        )
+    return f"{proposal}, lower payload.mass_kg, or add an agent"  # the total thrust is too small
+
+
+def _slower(settings: Scenario) -> str:
+    """Propose a slower reference."""
+    if settings.reference.kind == "lissajous":
+        return f", or use {reference_checks.slower_reference(settings)}"
+    return ", or use a slower reference"
+
+
+def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: State) -> Iterator[Finding]:
+    """Report the bound axes of the agents, and check the yaw gains; no finding without weight."""
+    world, names = case_experiment.world, team.agent_names(settings)
+    if not np.any(settings.gravity_mps2):
+        return
+    thrust = termination.undisturbed_hover_thrust(world.team, case_experiment.controller, state)
+    axes = bound_axes.bound_axes(world.team, state, thrust, names)
+    if not axes:
+        return
+    torques = termination.disturbance_torques(world.team, world.disturbances, state)
+    yield from bound_axis_checks.check_bound_axes(settings, axes, torques)
+    zero = bound_axes.yaw_zero(world.team, state, thrust)
+    yield from bound_axis_checks.check_yaw_gains(settings, world.team, state, axes, zero)
 
 
 def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:
     """Check overshoot and acceleration of a reference through poses."""
     if (found := reference_checks.check_reference(settings, truth)) is not None:
-        yield Finding("reference", found.message, found.values, found.advice)
+        level = Level.failed if found.advice else Level.passed
+        yield Finding("reference", found.message, found.values, found.advice, level)
 
 
 def _learnable(settings: Scenario, experiment: flight.Experiment, state: State) -> Iterator[Finding]:
@@ -360,58 +334,6 @@ def _learnable(settings: Scenario, experiment: flight.Experiment, state: State) 
             each.name: {"residual_N": each.residual, "bias_N": each.bias, "noise_N": each.noise} for each in found
         }
         yield Finding("learning", message, {"label_errors": values})
-
-
-def _rate(modes: stability.Modes) -> str:
-    """Format the slowest eigenvalue with the period of its oscillation."""
-    real, imaginary = modes.slowest_eigenvalue
-    period = f", period {2 * np.pi / abs(imaginary):.3g} s" if abs(imaginary) > 1e-3 else ""
-    return f"{real:+.3g} rad/s{period}"
-
-
-def _describe_mode(settings: Scenario, modes: stability.Modes) -> str:
-    """Describe rate, stability and participation of the slowest mode."""
-    return f"{_rate(modes)}, {'' if modes.stable else 'unstable, '}moves {mode_participation(settings, modes)}"
-
-
-TURN_DIRECTIONS = ("roll", "pitch", "yaw")
-
-
-def mode_participation(settings: Scenario, modes: stability.Modes, max_entries: int = 3) -> str:
-    """Describe the largest amplitudes of the slowest mode: payload, agents' attitudes and joints.
-
-    Args:
-        settings: Scenario, which contains the names.
-        modes: Modes of the loop.
-        max_entries: Largest number of entries.
-
-    Returns:
-        Names with amplitudes, largest first.
-    """
-    payload = [
-        *(f"the payload in {axis_name}" for axis_name in TURN_DIRECTIONS),
-        *(f"the payload along {axis}" for axis in "xyz"),
-    ]
-    agents = [f"{name} in {axis_name}" for name in team.agent_names(settings) for axis_name in TURN_DIRECTIONS]
-    names = [*payload, *agents, *(f"joint {name}" for name in team.joint_names(settings))]
-    shape = np.concatenate([modes.payload[0], modes.attitude[0].ravel(), modes.joints[0]])
-    order = [k for k in np.argsort(-shape)[:max_entries] if shape[k] > 0.3 * shape.max()]
-    return ", ".join(f"{names[k]} ({shape[k]:.2g})" for k in order)
-
-
-def _delay(settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progress: Callable[[str], None]) -> Finding:
-    """Check the delay margin; it fails below `MIN_DELAY_MARGIN`."""
-    try:
-        margin = remedies.delay_margin(settings, x, M)
-    except ValueError as error:
-        return Finding("delay margin", f"not known: {error}", {"delay_margin_s": None})
-    message = f"{margin:.3g} s" + (" or more" if margin > stability.MAX_DELAY - 1 / settings.control_Hz else "")
-    return Finding(
-        "delay margin",
-        message,
-        {"delay_margin_s": margin},
-        remedies.delay_margin_changes(settings, margin, progress) if margin < MIN_DELAY_MARGIN else (),
-    )
 
 
 def _labels(settings: Scenario, nominal: Team) -> Iterator[Finding]:
@@ -433,16 +355,3 @@ def _labels(settings: Scenario, nominal: Team) -> Iterator[Finding]:
             f"{largest} {reason}: cases with label feedback use {share} of its label rates and respond later to gusts",
             {"label_loop_gain": {name: gain if np.isfinite(gain) else None for name, gain in gains.items()}},
         )
-
-
-def _gain(x: stability.LoopStateTree, M: np.ndarray) -> Iterator[Finding]:
-    """Report the gain margin, if it is known."""
-    try:
-        gain = stability.gain_margin(x, M)
-    except ValueError:  # `_delay` reports the reason
-        return
-    yield Finding(
-        "gain margin",
-        stability.format_gain_margin(gain),
-        {"gain_margin": list(gain)},
-    )

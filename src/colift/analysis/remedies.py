@@ -10,26 +10,27 @@ See Also:
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
 
-from colift.analysis import joint_limits, stability
+from colift.analysis import headings, joint_limits, stability
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import State
-from colift.scenario import Scenario, ScenarioError, experiment, initial_states, team
+from colift.scenario import Scenario, ScenarioError, controllers, experiment, initial_states, team
 
 MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, one tenth of the limit of `grasp.check_controllability`
 SEARCH_TIME = 15.0  # s of processor time, for one search
 MAX_CANDIDATES = 2  # changes that are evaluated in full, of those that are best to first order
+MIN_IMPROVEMENT = 0.2  # of the growth rate of a loop with scaled or delayed commands, relative to the present one
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # gains of the agents last
 
 T = TypeVar("T")
-Change = tuple[str, Scenario]
-"""Option to type, for example `--set control.K_v=3`, and the changed scenario."""
+Change = headings.Change
 
 
 def within_search_time(candidates: Iterable[T]) -> Iterator[T]:
@@ -65,6 +66,42 @@ def modes_at_equilibrium(settings: Scenario) -> stability.Modes:
     return stability.modes_at_equilibrium(
         flight_experiment, initial_states.equilibrium_state(settings, flight_experiment.world.team)
     )
+
+
+def margin_changes(
+    settings: Scenario,
+    x: stability.LoopStateTree,
+    loops: Mapping[str, stability.VariedLoop],
+) -> dict[str, str]:
+    """Find the gain whose change stabilizes a loop with other commands most, to first order.
+
+    Args:
+        settings: Scenario.
+        x: Equilibrium of its loop.
+        loops: Loops with delayed or scaled commands, by description.
+
+    Returns:
+        One sentence per description.
+    """
+    best = {name: (loop.growth, "") for name, loop in loops.items()}
+    c1, (truth, nominal) = experiment.make_experiment(settings, "C1"), team.team(settings)
+    z = initial_states.equilibrium_state(settings, truth)
+    for option, changed in gain_changes(settings):
+        controller = controllers.make_controller(changed, nominal)
+        controller = dataclasses.replace(controller, recorder=c1.controller.recorder)
+        changed_experiment = dataclasses.replace(c1, controller=controller)
+        for name, loop in loops.items():
+            derivative = stability.directional_derivative(changed_experiment, z, x, loop.right[: len(loop.B)])
+            growth = loop.predict_growth(derivative)
+            if np.isfinite(growth) and growth < best[name][0] and loop.growth - growth > MIN_IMPROVEMENT * loop.growth:
+                best[name] = growth, option
+    return {
+        name: f"{option} changes the growth rate with {name} from {loops[name].growth:+.3g} to {growth:+.3g} 1/s, to "
+        "first order"
+        if option
+        else f"no change of a single gain lowers the growth rate with {name}; `colift tune` changes them together"
+        for name, (growth, option) in best.items()
+    }
 
 
 def delay_margin(settings: Scenario, x: stability.LoopStateTree, M: np.ndarray) -> float:
@@ -163,35 +200,38 @@ def advice_for_rejection(settings: Scenario, message: str, progress: Callable[[s
 
 
 def stabilizing_changes(
-    settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progress: Callable[[str], None]
+    settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progress: Callable[[str], None], mode: int = 0
 ) -> tuple[str, ...]:
-    """Find the single changes that increase the decay rate of the slowest mode most.
+    """Find the single changes that increase the decay rate of a mode most.
 
-    Gains are tried first; if none helps, nominal joint positions and contact heights.
+    Gains and headings of planar arms are tried first; if none helps, nominal joint positions and contact heights. Gains
+    are ranked by the mode itself; all changes are compared by the slowest mode.
 
     Args:
         settings: Scenario.
         x: Equilibrium of its loop.
         M: Jacobian of one tick at x.
         progress: Function called with a description of the progress.
+        mode: Index of the mode, 0 for the slowest one.
 
     Returns:
         Sentences with option and resulting growth rate.
     """
     present = float(np.log(np.abs(np.linalg.eigvals(M)).max()) * settings.control_Hz)
+    truth, _ = team.team(settings)
+    turned = headings.heading_changes(settings, truth, initial_states.equilibrium_state(settings, truth))
 
     def predict(changed: Scenario) -> float:
         flight_experiment = experiment.make_experiment(changed, "C1")
-        return stability.predict_growth_rate(
-            flight_experiment, initial_states.equilibrium_state(changed, flight_experiment.world.team), x, M
-        )
+        z = initial_states.equilibrium_state(changed, flight_experiment.world.team)
+        return stability.predict_growth_rate(flight_experiment, z, x, M, mode)
 
     predictions = [(predict(changed), option, changed) for option, changed in gain_changes(settings)]
     gains = sorted(
         (candidate for candidate in predictions if np.isfinite(candidate[0])), key=lambda candidate: candidate[0]
     )[:MAX_CANDIDATES]
     for candidates in (
-        [candidate[1:] for candidate in gains],
+        [*turned, *(candidate[1:] for candidate in gains)],
         [*nominal_position_changes(settings), *contact_height_changes(settings)],
     ):
         evaluated = []
@@ -204,7 +244,7 @@ def stabilizing_changes(
         ]
         if better:
             return tuple(f"{option} yields {rate:+.3g} rad/s" for rate, option in better)
-    return ("none of the tried gains, joint positions and contact heights helps: start from `colift init`",)
+    return ("none of the tried gains, headings, joint positions and contact heights helps: start from `colift init`",)
 
 
 def posture_changes(settings: Scenario, current: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
@@ -299,9 +339,14 @@ def posture_bandwidth_changes(settings: Scenario, rate: float) -> Iterator[Chang
 
 
 def control_change(settings: Scenario, name: str, value: float | list[float]) -> Change:
-    """Return the change of one controller setting."""
+    """Return the change of one controller setting; equal gains are one number, others are quoted for the shell."""
     control = settings.control.model_copy(update={name: value})
-    return f"--set control.{name}={value}", settings.model_copy(update={"control": control})
+    changed = settings.model_copy(update={"control": control})
+    if not isinstance(value, list):
+        return f"--set control.{name}={value}", changed
+    if len(set(value)) == 1:
+        return f"--set control.{name}={value[0]}", changed
+    return f"--set 'control.{name}=[{','.join(f'{x:g}' for x in value)}]'", changed
 
 
 def nominal_position_changes(settings: Scenario, name: str | None = None) -> Iterator[Change]:

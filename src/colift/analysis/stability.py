@@ -50,6 +50,7 @@ SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
     r"\.innovation\.(delay_error_ms|window_mean_square|longest_gap|mean_label_age|rate_forecast"
     r"|comovement\.(cross_moment|second_moment))"
 )
+COMMAND = r"\.controller\.last_command\[\d+\]\..*"
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench|label|inputs)\b"
 
@@ -243,7 +244,7 @@ def _input_matrices(x: LoopStateTree, M: np.ndarray) -> tuple[np.ndarray, np.nda
     Raises:
         ValueError: If the controller state does not determine every command independently.
     """
-    command, world = _rows_of(x, r"\.controller\.last_command\[\d+\]\..*"), _rows_of(x, r"\.world\..*")
+    command, world = _rows_of(x, COMMAND), _rows_of(x, r"\.world\..*")
     state, K = np.setdiff1d(np.arange(len(M)), world), M[command]
     # M is accurate to about 1e-10; a command that hardly any state changes, such as a squeeze force, has no column in B
     inverse = np.linalg.pinv(K[:, state], rcond=NEGLIGIBLE_SENSITIVITY)
@@ -354,8 +355,10 @@ def _undisturbed_loop(
     return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
 
 
-def predict_growth_rate(experiment: flight.Experiment, state: State, x: LoopStateTree, M: np.ndarray) -> float:
-    """Predict the growth rate of the slowest mode of an experiment near a known equilibrium, to first order.
+def predict_growth_rate(
+    experiment: flight.Experiment, state: State, x: LoopStateTree, M: np.ndarray, mode: int = 0
+) -> float:
+    """Predict the growth rate of a mode of an experiment near a known equilibrium, to first order.
 
     The derivative is `z' = w^H M' v`, with right and left eigenvectors v and w normalized to `w^H v = 1`. It requires
     four ticks instead of the hundreds for all of M'.
@@ -365,21 +368,113 @@ def predict_growth_rate(experiment: flight.Experiment, state: State, x: LoopStat
         state: Initial guess of its team state.
         x: Equilibrium of the original loop.
         M: Jacobian of the original loop at x.
+        mode: Index of the mode, 0 for the slowest one.
 
     Returns:
         The growth rate [1/s].
     """
+    values, left, right = linalg.eig(M, left=True)
+    k = np.argsort(-np.abs(values))[mode]
+    v, w = right[:, k], left[:, k].conj()
+    derivative = directional_derivative(experiment, state, x, v)
+    return float(np.log(np.abs(w @ derivative / (w @ v))) / experiment.dt)
+
+
+def directional_derivative(experiment: flight.Experiment, state: State, x: LoopStateTree, v: np.ndarray) -> np.ndarray:
+    """Compute `M' v`, the change of a loop state by one tick of a changed loop, from four ticks.
+
+    Args:
+        experiment: Changed experiment.
+        state: Initial guess of its team state.
+        x: Equilibrium of the original loop.
+        v: Complex direction in the coordinates of x.
+
+    Returns:
+        The complex product.
+    """
     setup, loop, noise = _undisturbed_loop(experiment, state)
     loop = _insert_states(loop, x)
-    values, left, right = linalg.eig(M, left=True)
-    k = int(np.argmax(np.abs(values)))
-    v, w = right[:, k], left[:, k].conj()
-    w = w / (w @ v)
     parts = np.stack([v.real, v.imag])
     displaced = _displace(x, jnp.asarray(DIFFERENCE_STEP * np.concatenate([parts, -parts])))
     changed = _after_one_tick(setup, loop, noise, [_batch_element(displaced, jnp.asarray(i)) for i in range(4)])
     derivative = (changed[:2] - changed[2:]) / (2 * DIFFERENCE_STEP)
-    return float(np.log(np.abs(w @ (derivative[0] + 1j * derivative[1]))) / experiment.dt)
+    return derivative[0] + 1j * derivative[1]
+
+
+@dataclasses.dataclass(frozen=True)
+class VariedLoop:
+    """Fastest growing mode of a loop with a common gain of all commands, or with delayed commands."""
+
+    gain: float
+    ticks: int  # delay
+    growth: float  # 1/s
+    dt: float  # s, control period
+    right: np.ndarray  # eigenvector; the elements after those of the loop are the queue of commands
+    left: np.ndarray  # with `left @ right = 1`
+    B: np.ndarray  # input matrix of the commands
+    command: np.ndarray  # rows of the applied command
+
+    def predict_growth(self, Mv: np.ndarray) -> float:
+        """Predict the growth rate of the mode for other controller gains, to first order.
+
+        Args:
+            Mv: Product of the changed Jacobian and the loop part of the eigenvector (`directional_derivative`).
+
+        Returns:
+            Growth rate [1/s].
+        """
+        n, m = self.B.shape
+        commands, queue = Mv[self.command], self.right[n:]
+        if self.ticks == 0:
+            after = Mv + (self.gain - 1) * self.B @ commands
+        else:
+            after = np.concatenate([Mv - self.B @ commands + self.B @ queue[:m], queue[m:], commands])
+        return float(np.log(np.abs(self.left @ after)) / self.dt)
+
+
+def vary_loop(x: LoopStateTree, M: np.ndarray, dt: float, gain: float = 1.0, ticks: int = 0) -> VariedLoop:
+    """Compute the fastest growing mode with another gain of all commands, or with delayed commands.
+
+    Args:
+        x: Equilibrium of the loop.
+        M: Jacobian of one tick at x.
+        dt: Control period [s].
+        gain: Common gain of all commands; 1 with a delay.
+        ticks: Delay of all commands.
+
+    Returns:
+        The mode; errors are raised as by `delay_margin`.
+    """
+    B, K = _input_matrices(x, M)
+    values, left, right = linalg.eig(_append_delay(M + (gain - 1) * B @ K, B, K, ticks), left=True)
+    k = int(np.argmax(np.abs(values)))
+    v, w = right[:, k], left[:, k].conj()
+    command = _rows_of(x, COMMAND)
+    return VariedLoop(gain, ticks, float(np.log(np.abs(values[k])) / dt), dt, v, w / (w @ v), B, command)
+
+
+def rest_displacement(
+    experiment: flight.Experiment, state: State, x: LoopStateTree, M: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Compute how far the disturbances of an experiment move the payload at rest, to first order.
+
+    `d = (I - M)^-1 (f(x) - x)` with one tick f of the loop with the disturbances at time zero.
+
+    Args:
+        experiment: Experiment with its disturbances.
+        state: Initial guess of its team state.
+        x: Equilibrium of the loop without disturbances.
+        M: Jacobian of one tick at x.
+
+    Returns:
+        Displacement [m, world] and rotation vector [rad, payload frame] of the payload.
+    """
+    setup, loop, noise = _undisturbed_loop(experiment, state)
+    world = dataclasses.replace(setup.world, disturbance_scale=experiment.world.disturbance_scale)
+    disturbed = dataclasses.replace(setup, world=world)
+    (residual,) = _after_one_tick(disturbed, _insert_states(loop, x), noise, [x])
+    moved = np.linalg.lstsq(np.eye(len(M)) - M, residual)[0]
+    return tuple(moved[_rows_of(x, rf"\.world\.state\.payload\.{part}")] for part in "pR")
 
 
 def step_jacobian(experiment: flight.Experiment, state: State, x: LoopStateTree) -> np.ndarray:

@@ -165,8 +165,9 @@ def check(
 ) -> None:
     """Check a scenario before it is simulated and suggest corrections.
 
-    Checks mass, contacts, thrust, joints, the slowest mode and the delay margin of the linearized closed loop.
-    Status 0: all checks passed. Status 1: a check failed. Status 2: the scenario cannot be read.
+    Checks mass, contacts, thrust, joints, bound axes, and modes and margins of the linearized closed loop. The last
+    line is the verdict: sound, weak or unsound. Status 0: sound or weak. Status 1: unsound. Status 2: the scenario
+    cannot be read.
     """
     from colift import scenario
     from colift.analysis import preflight

@@ -211,7 +211,11 @@ def progress_lines(titles: Mapping[str, str], duration: float) -> Callable[[str,
 
 
 def print_feasibility(report: FeasibilityReport, warnings_only: bool) -> None:
-    """Print the properties of the linearized closed loop that are available before the flights."""
+    """Print the verdict of the preflight check, and properties of the linearized closed loop, before the flights."""
+    if not report.check.passed:
+        common.print_warning(f"warning: {report.check.format_verdict()}")
+    elif not warnings_only:
+        print(report.check.format_verdict(), flush=True)
     if not warnings_only and report.modes is not None and report.modes.stable:
         print(f"slowest mode at equilibrium on the reference: {report.modes.describe_slowest()}", flush=True)
     if not warnings_only and report.margins is not None:

@@ -19,8 +19,9 @@ class VehicleTemplate:
     name: str
     text: str
     mass: float  # kg
-    contact_offset: tuple[tuple[float, float, float], ...]  # m, tips: forward, left, above the mean height of the tips
+    contact_offset: tuple[tuple[float, float, float], ...]  # m, tips: outward, left of it, above their mean height
     scale: Scale = REFERENCE
+    heading_deg: float = 0.0  # of the agents, relative to the outward direction
 
 
 VEHICLES = {  # by arms
@@ -274,9 +275,10 @@ termination:
 
 
 def _member(name: str, vehicle: VehicleTemplate, deg: float, radius: float) -> str:
-    """Generate the entry of an agent with outward heading, and contacts at its tips."""
+    """Generate the entry of an agent whose heading is relative to the outward direction, and contacts at its tips."""
     c, s = math.cos(math.radians(deg)), math.sin(math.radians(deg))
     digits, above = (4, 0.05) if vehicle.scale == REFERENCE else (5, 0.05 * vehicle.scale.length)
     positions = ((c * (radius + x) - s * y, s * (radius + x) + c * y, above + z) for x, y, z in vehicle.contact_offset)
     points = [f"[{x:.{digits}f}, {y:.{digits}f}, {float(f'{z:.{digits}f}'):g}]" for x, y, z in positions]
-    return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {deg:g}, contact_positions_m: [{', '.join(points)}]}}\n"
+    yaw = (deg + vehicle.heading_deg) % 360
+    return f"  - {{name: {name}, type: {vehicle.name}, yaw_deg: {yaw:g}, contact_positions_m: [{', '.join(points)}]}}\n"

@@ -10,7 +10,7 @@ from jaxtyping import Array
 from colift.closed_loop import termination
 from colift.models import grasp
 from colift.models.parameters import Team
-from colift.models.state import ResidualForces, State, Wrench
+from colift.models.state import ResidualForces, State, Wrench, zero_residual
 from colift.onboard import controller
 from colift.scenario import initial_states, schema, team
 from colift.scenario.conversion import array
@@ -87,6 +87,36 @@ def true_hover_thrust(
             f"all agents together need {required.sum():.4g} N and have {have.sum():.4g} N"
         )
     return required
+
+
+def undisturbed_hover_thrust(
+    truth: Team, base_controller: controller.LeaderFollowerController, state: State
+) -> np.ndarray:
+    """Compute the thrust in hover without disturbances and without internal forces.
+
+    Args:
+        truth: True parameters.
+        base_controller: Controller.
+        state: State at rest.
+
+    Returns:
+        Thrust `(agents,)` [N].
+    """
+    return np.asarray(_hover_residual(truth, base_controller, state, zero_residual(truth), jnp.zeros(())))
+
+
+def disturbance_torques(truth: Team, sources: disturbances.DisturbanceSet, state: State) -> np.ndarray:
+    """Compute the moments of the disturbances on the bases of the agents at time zero.
+
+    Args:
+        truth: True parameters.
+        sources: Disturbances.
+        state: State at rest.
+
+    Returns:
+        Moments about the centers of mass `(agents, 3)`, base frames [N m].
+    """
+    return np.concatenate([np.asarray(f.f_w) for f in _acting(sources, truth, state).agents])
 
 
 _acting = jax.jit(disturbances.initial_forces)

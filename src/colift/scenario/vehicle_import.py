@@ -18,7 +18,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from colift.models import aerial_manipulator, grasp, joint_roles, mjcf_import, urdf_parser
+from colift.models import aerial_manipulator, grasp, joint_roles, mjcf_import, tip_mobility, urdf_parser
 from colift.models.joint_roles import JointRoles
 from colift.models.link_tree import ChoiceRequiredError, CoupledJoints, InertiaRule, LinkJoint, LinkTree, reduce_tree
 from colift.models.parameters import AerialManipulator
@@ -131,12 +131,18 @@ def _generated(
         raise ValueError(f"--agents {agents}: each holds the payload at {arms}, and three contacts are needed")
     mass, base = sum(body.mass for body in vehicle.robot.bodies), vehicle.robot.bodies[0]
     scale = vehicle_scale(mass, base.mass, float(base.inertia[2, 2]))
-    points = _reach(vehicle.own, np.array([vehicle.nominal_positions[joint.name] for joint in vehicle.robot.joints]))
-    held = tuple((float(x), float(y), float(z)) for x, y, z in points - [0, 0, points[:, 2].mean()])
+    r = np.array([vehicle.nominal_positions[joint.name] for joint in vehicle.robot.joints])
+    points, turn = _reach(vehicle.own, r), tangential_turn(vehicle.own, r)
+    held = _contact_offsets(points, turn)
     notes = tuple(_notes(vehicle))
+    if turn:
+        notes += (
+            f"the joints move the tips in one plane: the headings are turned by {turn:g} deg from the outward "
+            "direction, so that the plane lies along the tangent of the payload",
+        )
     comments = "".join(f"    # {note}\n" for note in notes)
     kind = f"  vehicle:\n{comments}{section(2 * 9.81 * (1.3 * mass))}"
-    text = scenario_text(name, VehicleTemplate("vehicle", kind, mass, held, scale), agents)
+    text = scenario_text(name, VehicleTemplate("vehicle", kind, mass, held, scale, turn), agents)
     try:
         loading.parse(text, str(folder / f"{name}.yaml"))
     except ScenarioError as error:
@@ -246,6 +252,39 @@ def _bent(own: AerialManipulator, start: np.ndarray, limits: Sequence[tuple[floa
 def _permitted(value: float, limits: tuple[float, float] | None) -> float:
     """Return a candidate, moved into the limits."""
     return value if limits is None or limits[0] <= value <= limits[1] else _inside(value, limits)
+
+
+def tangential_turn(own: AerialManipulator, r: np.ndarray) -> float:
+    """Compute the heading with which the plane of a planar arm lies along the tangent of the payload.
+
+    The payload's yaw requires forces along the tangent. Joints that move the tips along it apply them directly.
+
+    Args:
+        own: Agent.
+        r: Joint positions [rad, m].
+
+    Returns:
+        Heading relative to the outward direction, above -90 and up to 90 [deg]; 0 if the joints do not move the tips in
+        a single plane.
+    """
+    bound = tip_mobility.tip_mobility(own, r).bound
+    if len(bound) != 1:
+        return 0.0
+    turn = round(math.degrees(-math.atan2(bound[0, 1], bound[0, 0])) % 180, 1)
+    return turn if turn <= 90 else turn - 180
+
+
+def _contact_offsets(tips: np.ndarray, turn: float) -> tuple[tuple[float, float, float], ...]:
+    """Return the tips in the outward frame of a vehicle whose heading is turned [deg].
+
+    The contacts of a turned vehicle are centered on the outward direction, so that its tangent is that of the contacts.
+    """
+    c, s = math.cos(math.radians(turn)), math.sin(math.radians(turn))
+    x, y, z = tips.T
+    points = np.stack([c * x - s * y, s * x + c * y, z - z.mean()], axis=1) if turn else tips - [0, 0, z.mean()]
+    if turn:
+        points = points - [0, points[:, 1].mean(), 0]
+    return tuple((float(x), float(y), float(z)) for x, y, z in points)
 
 
 # Text -----------------------------------------------------------------------------------------------------------------

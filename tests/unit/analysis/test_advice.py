@@ -4,17 +4,30 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 
 import pytest
 import typer
 
 from colift import scenario
-from colift.analysis import joint_limits, learning_benefit, preflight, remedies
+from colift.analysis import (
+    bound_axis_checks,
+    headings,
+    joint_limits,
+    learning_benefit,
+    loop_checks,
+    preflight,
+    remedies,
+)
 from colift.cli.app import app
 from colift.scenario import Scenario, structure, termination, vehicle_import
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 
-SOURCES = [inspect.getsource(m) for m in (joint_limits, learning_benefit, preflight, remedies, structure, termination)]
+MODULES = (
+    *(bound_axis_checks, headings, joint_limits, learning_benefit, loop_checks, preflight, remedies),
+    *(structure, termination),
+)
+SOURCES = [inspect.getsource(m) for m in MODULES]
 SECTIONS = "sensors|control|learning|payload|reference|termination|agent_types|agents"
 
 
@@ -62,3 +75,12 @@ def test_the_path_of_a_nominal_position_can_be_set(from_file: bool, tmp_path) ->
     path = joint_limits.nominal_position_path(settings, kind, joint)
     changed = scenario.load_scenario(name, [f"{path}=0.321"])
     assert changed.agent_types[kind].joints[1].nominal_position_rad == 0.321
+
+
+def test_lists_of_gains_are_typed_as_one_word() -> None:
+    """Equal gains are one number; a list is quoted. The typed option yields the proposed scenario."""
+    for gains in ([3.5, 3.5, 3.5], [3.5, 3.0, 2.5]):
+        option, changed = remedies.control_change(scenario.load_scenario("paper"), "K_p", gains)
+        flag, override = shlex.split(option)
+        assert flag == "--set"
+        assert scenario.load_scenario("paper", [override]).control == changed.control

@@ -23,6 +23,8 @@ def test_report_has_slowest_mode_and_thrust_margin(monkeypatch):
     monkeypatch.setattr(stability, "equilibrium_and_jacobian", linearize_once)
     ahead = feasibility.assess_feasibility(paper.SETTINGS, c1)
     assert ahead.warnings == ()
+    assert ahead.summary["check"]["failed"] == []
+    assert ahead.check.format_verdict().startswith(f"paper: {ahead.summary['check']['verdict']}")
     assert ahead.summary["slowest_mode"]["stable"]
     assert ahead.summary["slowest_mode"]["eigenvalue_radps"][0] < 0
     margins = ahead.summary["stability_margins"]

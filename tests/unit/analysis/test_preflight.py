@@ -13,10 +13,12 @@ import pytest
 from typer.testing import CliRunner
 
 from colift import scenario
-from colift.analysis import feasibility, preflight, reference_loads, remedies, stability
+from colift.analysis import feasibility, loop_checks, preflight, reference_loads, remedies, stability
+from colift.analysis.findings import Level
 from colift.cli.app import app
 from colift.scenario import Scenario, experiment, initial_states, schema, team, template, termination
 from tests.support import small_team as light
+from tests.unit.analysis.test_loop_checks import two_modes
 
 NO_WIND = {"disturbances": ()}
 
@@ -40,12 +42,15 @@ def test_shipped_team_passes_all_checks():
         "mass",
         "contacts",
         "thrust",
+        "bound axes",
+        "yaw gain",
         "slowest mode",
         "learned mode",
         "delay margin",
         "gain margin",
+        "disturbances",
     ]
-    assert good.format_report()[-1] == "sample: passed"
+    assert good.format_report()[-1].startswith(f"sample: {good.verdict.value}")
     assert finding(good, "mass").values["total_kg"] == 6
     assert "payload 1.5 kg (nominal 1.2 kg), 3 agents from n0 to n2 of 1.5 kg each" in finding(good, "mass").message
     assert finding(good, "contacts").values["rank"] == 6
@@ -58,7 +63,7 @@ def test_unstable_mode_fails_and_advice_stabilizes_it():
     """An unstable mode fails the check, and the advised change stabilizes it."""
     unstable = found("wild")
     assert not unstable.passed
-    bad, also = [each for each in unstable.findings if each.advice]
+    bad, also = [each for each in unstable.findings if each.level is Level.failed]
     assert (bad.subject, also.subject) == ("slowest mode", "learned mode")
     assert also.values["eigenvalue_radps"] != bad.values["eigenvalue_radps"]  # another equilibrium
     assert "unstable" in bad.message
@@ -67,31 +72,20 @@ def test_unstable_mode_fails_and_advice_stabilizes_it():
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
     assert float(rate) == pytest.approx(finding(found("good"), "slowest mode").values["eigenvalue_radps"][0], abs=1e-2)
     assert float(rate) < 0 < finding(unstable, "slowest mode").values["eigenvalue_radps"][0]
-    assert unstable.format_report()[-1] == "sample: failed: slowest mode, learned mode"
+    assert unstable.format_report()[-1] == "sample: unsound (failed: slowest mode, learned mode; weak: yaw gain)"
 
 
 @pytest.mark.long
 def test_small_delay_margin_fails_with_gain_advice(monkeypatch: pytest.MonkeyPatch):
     """A small delay margin fails the check, and the advice names a gain that increases it."""
     every = list(remedies.gain_changes(light.settings()))
-    monkeypatch.setattr(preflight, "MIN_DELAY_MARGIN", 0.02)
+    monkeypatch.setattr(loop_checks, "MIN_DELAY_MARGIN", 0.02)
     monkeypatch.setattr(remedies, "gain_changes", lambda _: [each for each in every if "agent_k_omega" in each[0]])
+    monkeypatch.setattr(remedies, "margin_changes", lambda *_: {})
     late = finding(preflight.run_preflight(light.settings()), "delay margin")
     margin = re.fullmatch(r"--set control\.agent_k_omega=19\.6 yields (\S+) s", late.advice[0])
     assert margin
     assert float(margin[1]) > late.values["delay_margin_s"]
-
-
-def test_unknown_delay_margin_is_no_failure(monkeypatch: pytest.MonkeyPatch):
-    """An unknown delay margin is reported and does not fail the check."""
-
-    def unknown(*_: object) -> None:
-        raise ValueError("the controller state does not determine every command independently")
-
-    monkeypatch.setattr(stability, "delay_margin", unknown)
-    finding_ = preflight._delay(light.settings(), {}, np.eye(1), print)
-    assert finding_.message.endswith("not known: the controller state does not determine every command independently")
-    assert (finding_.advice, finding_.values) == ((), {"delay_margin_s": None})
 
 
 def test_thrust_of_constant_reference_is_hover_thrust():
@@ -245,8 +239,9 @@ def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch
     monkeypatch.delenv("COLUMNS", raising=False)  # pytest-xdist sets it; lines are then broken
     good = found("good")
     *rest, last = good.findings
-    bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, advice=("another gain",))))
-    for here, status in [(good, 0), (bad, 1)]:
+    bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, level=Level.failed)))
+    weak = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, level=Level.weak)))
+    for here, status in [(good, 0), (weak, 0), (bad, 1)]:
         monkeypatch.setattr(preflight, "run_preflight", lambda _settings, _say, here=here: here)
         finding_ = CliRunner().invoke(app, ["check", "paper"])
         assert finding_.exit_code == status
@@ -256,36 +251,6 @@ def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch
         assert json.loads(data.stdout) == json.loads(json.dumps(here.summary))
     assert CliRunner().invoke(app, ["check", "papr"]).exit_code == 2
     assert CliRunner().invoke(app, ["check", "paper", "--set", "payload.mass_kg=x"]).exit_code == 2
-
-
-def two_modes(rate: float, joint: float, load: float) -> stability.Modes:
-    """Two modes: the payload's at 2 1/s, and one at a given rate that moves a joint of `beam` and the payload."""
-    joints = np.zeros((2, 12))
-    joints[:, 4] = 0.1, joint
-    payload = np.zeros((2, 6))
-    payload[:, 3] = 1.0, load
-    return stability.Modes(
-        eigenvalues=np.array([-2.0, -rate + 1j]), payload=payload, attitude=np.zeros((2, 4, 3)), joints=joints
-    )
-
-
-def test_slow_redundant_joints_fail_and_are_named(monkeypatch):
-    """Redundant joints that return too slowly fail the check and are named."""
-    beam, say = scenario.load_scenario("beam", ("control.posture_bandwidth=5",)), lambda _what: None
-    monkeypatch.setattr(remedies, "posture_changes", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
-    (slow,) = preflight._posture(beam, two_modes(2.4, 1.0, 0.1), say)
-    assert (
-        slow.message == "redundant joints converge at 2.4 1/s, slowest agent_2/shoulder; control.posture_bandwidth = 5"
-    )
-    assert slow.advice == ("2.4 agent_2/shoulder",)
-    (fast,) = preflight._posture(beam, two_modes(2.6, 1.0, 0.1), say)
-    assert fast.advice == ()
-    assert not list(preflight._posture(beam, two_modes(0.1, 1.0, 1.0), say))  # the payload's mode: caused by its gains
-    assert not list(preflight._posture(scenario.load_scenario("paper"), two_modes(0.1, 1.0, 0.1), say))
-    (held,) = preflight._posture(
-        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), two_modes(2.6, 1.0, 0.1), say
-    )
-    assert held.advice
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from colift import scenario
-from colift.analysis import preflight, remedies
+from colift.analysis import bound_axes, preflight, remedies
 from colift.cli.app import app
 from colift.models import grasp
 from colift.scenario import initial_states, team, template
@@ -103,6 +103,32 @@ def test_urdf_vehicle_has_its_tips_on_the_plate(tmp_path: Path):
     truth, _ = team.team(settings)
     z = initial_states.equilibrium_state(settings, truth)
     assert np.abs(np.asarray(z.agents[0].r)).max() < 1e-6
+
+
+def test_planar_arms_lie_along_the_tangent(tmp_path: Path):
+    """The tip is 0.15 m ahead of the base. The contacts stay on a circle, and yaw acts by the joints alone."""
+    upper = ARM.format(name="upper", parent="base", x=0.1)
+    file = urdf(tmp_path, upper, ARM.format(name="lower", parent="upper", x=0.05))
+    made = tmp_path / "mine.yaml"
+    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(file)])
+    assert done.stdout.startswith("the joints move the tips in one plane: the headings are turned by 90 deg")
+    settings = scenario.load_scenario(made)
+    assert [agent.yaw_deg for agent in settings.agents] == [90, 210, 330]
+    for agent, deg in zip(settings.agents, (0, 120, 240), strict=True):
+        ((x, y, _),) = agent.contact_positions_m
+        assert np.degrees(np.arctan2(y, x)) % 360 == pytest.approx(deg, abs=1e-2)
+    truth, _ = team.team(settings)
+    z = initial_states.equilibrium_state(settings, truth)
+    assert bound_axes.yaw_zero(truth, z, np.full(3, 20.0)) == np.inf
+
+
+def test_arms_about_two_axes_keep_outward_headings(tmp_path: Path):
+    upper = ARM.format(name="upper", parent="base", x=0.0)
+    lower = ARM.format(name="lower", parent="upper", x=0.0).replace('xyz="0 1 0"', 'xyz="1 0 0"')
+    made = tmp_path / "mine.yaml"
+    done = CliRunner().invoke(app, ["init", str(made), "--urdf", str(urdf(tmp_path, upper, lower))])
+    assert "turned" not in done.stdout
+    assert [agent.yaw_deg for agent in scenario.load_scenario(made).agents] == [0, 120, 240]
 
 
 def test_straight_arms_are_bent(tmp_path: Path):

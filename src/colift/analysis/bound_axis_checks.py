@@ -1,0 +1,183 @@
+"""Checks of the bound axes of a scenario: attitude stiffness, tilt by a torque, and the yaw gains of the payload.
+
+See Also:
+    colift.analysis.bound_axes: definitions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from colift.analysis import bound_axes, headings
+from colift.analysis.bound_axes import BoundAxis
+from colift.analysis.findings import Finding, Level
+from colift.models.parameters import Team
+from colift.models.state import State
+from colift.scenario import Scenario, team
+
+REFERENCE_TORQUE = 0.01
+"""Torque whose tilt is reported if the disturbances apply none to the agents [N m]."""
+MIN_STIFFNESS_SHARE = 0.5
+"""Smallest share of the attitude stiffness that must remain; used with the commanded contact force only."""
+YAW_GAIN_LEVEL = Level.weak
+"""Level of yaw gains above the limit; whether yaw is unstable then follows from the slowest mode."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _TypeAxis:
+    """Bound direction of the agents of one type; of its agents the one with the smallest bandwidth."""
+
+    kind: str
+    label: str  # of the direction, for example `y`
+    axis: BoundAxis
+
+
+def check_bound_axes(
+    settings: Scenario,
+    axes: Sequence[BoundAxis],
+    torques: np.ndarray,
+    compensated: bool = True,
+) -> Iterator[Finding]:
+    """Report attitude stiffness, tilt and bandwidth of every agent type and bound direction.
+
+    Args:
+        settings: Scenario.
+        axes: Bound axes of the team.
+        torques: Torques of the disturbances on each agent at rest `(agents, 3)`, base frame [N m].
+        compensated: Whether the torques of the agent controller contain the contact force that will act.
+
+    Yields:
+        One finding, or none if no agent has a bound axis.
+    """
+    k_R = settings.control.agent_k_R
+    sentences, values, advice, level = [], {}, [], Level.passed
+    for found in _by_type(settings, axes):
+        axis = found.axis
+        torque = _largest_torque(settings, found, torques)
+        asked, left = axis.attitude_stiffness(k_R), axis.attitude_stiffness(k_R, compensated)
+        tilt = np.degrees(axis.tilt(torque, k_R, compensated))
+        values[f"{found.kind}/{found.label}"] = {
+            "thrust_N": axis.thrust,
+            "lever_m": axis.lever,
+            "inertia_kgm2": axis.inertia,
+            "stiffness_Nmprad": asked,
+            "remaining_stiffness_Nmprad": left,
+            "torque_Nm": torque,
+            "tilt_deg": float(tilt) if np.isfinite(tilt) else None,
+            "bandwidth_radps": axis.bandwidth if np.isfinite(axis.bandwidth) else None,
+        }
+        stiffness = f"{asked:.3g} N m/rad" + ("" if compensated else f", of which {left:.3g} remain")
+        limit = f", bandwidth {axis.bandwidth:.3g} rad/s" if np.isfinite(axis.bandwidth) else ""
+        sentences.append((found, f"stiffness {stiffness}, {torque:.2g} N m tilt it by {tilt:.3g} deg{limit}"))
+        if left < MIN_STIFFNESS_SHARE * asked:
+            level = Level.failed
+            needed = axis.thrust * axis.lever / axis.inertia / (1 - MIN_STIFFNESS_SHARE)
+            advice += [f"--set control.agent_k_R={needed:.3g}", _joint_advice(found)]
+    if sentences:
+        message = f"no joint moves the tips of {_merged(sentences)}"
+        yield Finding("bound axes", message, {"axes": values}, tuple(dict.fromkeys(advice)), level)
+
+
+def check_yaw_gains(
+    settings: Scenario, truth: Team, state: State, axes: Sequence[BoundAxis], zero: float
+) -> Iterator[Finding]:
+    """Check the yaw gains of the payload against the bandwidth of bound tips.
+
+    Args:
+        settings: Scenario.
+        truth: True parameters.
+        state: State at rest.
+        axes: Bound axes of the team.
+        zero: Zero of the payload's yaw command [rad/s], see `bound_axes.yaw_zero`.
+
+    Yields:
+        One finding, or none if yaw does not act through bound directions.
+    """
+    if not np.isfinite(zero):
+        return
+    k_R, k_omega = (np.broadcast_to(x, (3,)) for x in (settings.control.k_R, settings.control.k_omega))
+    good = bound_axes.yaw_gains_within_limit(zero, float(k_R[2]), float(k_omega[2]))
+    limits = bound_axes.MAX_YAW_STIFFNESS * zero**2, bound_axes.MAX_YAW_RATE_GAIN * zero
+    message = (
+        f"yaw acts through bound tips with a zero at {zero:.3g} rad/s: control.k_R = {k_R[2]:.3g} 1/s^2 about z "
+        f"(limit {limits[0]:.3g}), control.k_omega = {k_omega[2]:.3g} 1/s (limit {limits[1]:.3g})"
+    )
+    values = {"zero_radps": zero, "k_R_1ps2": float(k_R[2]), "k_omega_1ps": float(k_omega[2])}
+    values |= {"max_k_R_1ps2": limits[0], "max_k_omega_1ps": limits[1]}
+    advice = () if good else yaw_advice(settings, truth, state, axes, zero)
+    yield Finding("yaw gain", message, values, advice, Level.passed if good else YAW_GAIN_LEVEL)
+
+
+def yaw_advice(
+    settings: Scenario, truth: Team, state: State, axes: Sequence[BoundAxis], zero: float
+) -> tuple[str, ...]:
+    """Propose lower yaw gains, headings that turn planar arms, or another joint.
+
+    Args:
+        settings: Scenario.
+        truth: True parameters.
+        state: State at rest.
+        axes: Bound axes of the team.
+        zero: Zero of the payload's yaw command [rad/s].
+
+    Returns:
+        Sentences with options to type.
+    """
+    given = settings.control
+    k_R, k_omega = (np.broadcast_to(x, (3,)).tolist() for x in (given.k_R, given.k_omega))
+    stiffness, rate = bound_axes.advised_yaw_gains(zero)
+    advice = [
+        f"--set 'control.k_R=[{k_R[0]:g},{k_R[1]:g},{min(stiffness, k_R[2]):g}]' "
+        f"--set 'control.k_omega=[{k_omega[0]:g},{k_omega[1]:g},{min(rate, k_omega[2]):g}]'"
+    ]
+    if turns := headings.turns_to_tangent(settings, truth, state):
+        option, _ = headings.heading_change(settings, turns)
+        advice.append(f"{option} turns the arms, so that their joints move the tips along the tangent")
+    else:
+        limiting = min(_by_type(settings, axes), key=lambda found: found.axis.bandwidth)
+        advice.append(_joint_advice(limiting))
+    return tuple(advice)
+
+
+def _joint_advice(found: _TypeAxis) -> str:
+    """Propose a joint that moves the tips in a bound direction."""
+    return f"or add a joint that moves the tips along {found.label} (agent_types.{found.kind}.joints)"
+
+
+def _by_type(settings: Scenario, axes: Sequence[BoundAxis]) -> list[_TypeAxis]:
+    """Return one bound axis per agent type and direction, with the smallest bandwidth."""
+    kinds = {agent.name: agent.type for agent in settings.agents}
+    found: dict[tuple[str, str], _TypeAxis] = {}
+    for axis in axes:
+        key = kinds[axis.agent], _label(axis.direction)
+        if key not in found or axis.bandwidth < found[key].axis.bandwidth:
+            found[key] = _TypeAxis(*key, axis)
+    return list(found.values())
+
+
+def _label(direction: np.ndarray) -> str:
+    """Return the name of a base axis, or the angle from x of another direction."""
+    for name, unit in zip("xy", np.eye(3), strict=False):
+        if abs(direction @ unit) > 0.999:
+            return name
+    return f"{np.degrees(np.arctan2(direction[1], direction[0])):.0f} deg from x"
+
+
+def _largest_torque(settings: Scenario, found: _TypeAxis, torques: np.ndarray) -> float:
+    """Return the largest disturbance torque on the agents of a type about the axis of the rotation [N m]."""
+    kinds = {agent.name: agent.type for agent in settings.agents}
+    members = [kinds[name] == found.kind for name in team.agent_names(settings)]
+    axis = np.cross([0.0, 0.0, 1.0], found.axis.direction)
+    largest = float(np.abs(torques[np.array(members)] @ axis).max())
+    return largest if largest > 1e-9 else REFERENCE_TORQUE
+
+
+def _merged(sentences: Sequence[tuple[_TypeAxis, str]]) -> str:
+    """Join the sentences of all types; directions with equal numbers are named together."""
+    labels: dict[tuple[str, str], list[str]] = {}
+    for found, text in sentences:
+        labels.setdefault((found.kind, text), []).append(found.label)
+    return "; ".join(f"{kind} along {' and '.join(names)}: {text}" for (kind, text), names in labels.items())
