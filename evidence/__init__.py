@@ -5,20 +5,24 @@ commit and the files that the result depends on (`evidence.dependencies`), each 
 again only when one of these files has changed. Changes of docstrings, comments and layout of Python files do not count,
 and of lock files only the pinned versions do.
 
-    ./dev evidence NAME ...      computes or resumes results
+    ./dev evidence NAME ...      computes or resumes results; `--jobs N` computes N items at a time
     ./dev evidence status        lists results that are older than their code, and pages that quote them
     ./dev evidence restamp       replays one item of each such result and stamps it where the item is bit-equal
 """
 
 from __future__ import annotations
 
+import concurrent.futures
 import datetime as dt
 import functools
+import importlib.metadata
 import json
+import multiprocessing
 import platform
 import re
 import subprocess
-from collections.abc import Callable, Iterable
+import time
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +70,12 @@ def machine() -> str:
 
     names = [line.split(":", 1)[1].strip() for line in _cpuinfo() if line.startswith("model name")]
     return f"{names[0] if names else platform.machine()}, {build.available_cores()} cores"
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that determine rounding."""
+    packages = {name: importlib.metadata.version(name) for name in ("jax", "numpy", "scipy")}
+    return {"python": platform.python_version(), **packages}
 
 
 def _cpuinfo() -> list[str]:
@@ -165,6 +175,7 @@ class Replayed(BaseException):
         self.item, self.value = item, value
 
 
+processes = 1  # by which `collect` computes items, set by `--jobs`
 replay: str | None = None  # the only item that `collect` computes, ignoring stored results
 
 
@@ -184,12 +195,41 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
         files = files_behind(ROOT / "evidence" / f"{name}.py")
         if changed := uncommitted(files):
             raise SystemExit(f"{name}: a result names the commit it can be repeated from; commit {', '.join(changed)}")
-        record = {"command": f"./dev evidence {name}", "machine": machine(), "commit": head()}
-    for item in missing:
-        print(f"{name}: {item}", flush=True)
-        found[item] = compute(item)
+        record = {
+            "command": f"./dev evidence {name}",
+            "machine": machine(),
+            "versions": versions(),
+            "commit": head(),
+        }
+    for item, value in _computed(name, missing, compute):
+        found[item] = value
         save(path, {**record, "date": dt.date.today().isoformat(), "files": files, "items": found})
     return found
+
+
+def _computed(name: str, items: list[str], compute: Callable[[str], Any]) -> Iterator[tuple[str, Any]]:
+    """Yield items with their values as they are computed, by `processes` at a time."""
+    start = time.monotonic()
+
+    def report(item: str, done: int) -> None:
+        spent = time.monotonic() - start
+        left = f", about {spent / done * (len(items) - done) / 60:.0f} min left" if done else ""
+        print(f"{name}: {item} ({done} of {len(items)}{left})", flush=True)
+
+    if processes == 1:
+        for done, item in enumerate(items):
+            report(item, done)
+            yield item, compute(item)
+        return
+    with concurrent.futures.ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        running = {pool.submit(compute, item): item for item in items}
+        try:
+            for done, future in enumerate(concurrent.futures.as_completed(running), start=1):
+                report(running[future], done)
+                yield running[future], future.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
 def save(path: Path, value: Any) -> None:

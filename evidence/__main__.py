@@ -1,4 +1,4 @@
-"""`python -m evidence [NAME ...]`: compute or resume all results, or the named ones; also `status` and `restamp`."""
+"""`python -m evidence [NAME ...] [--jobs N]`: compute or resume results; also `status` and `restamp`."""
 
 from __future__ import annotations
 
@@ -21,6 +21,13 @@ def main(arguments: list[str]) -> int:
         return status.main(arguments[1:], module_names())
     if arguments[:1] == ["restamp"]:
         return restamp.main(arguments[1:], module_names())
+    if "--jobs" in arguments:
+        at = arguments.index("--jobs")
+        given = "".join(arguments[at + 1 : at + 2])
+        if not given.isdecimal() or int(given) < 1:
+            print(f"--jobs: must be a positive number of processes, got {given!r}", file=sys.stderr)
+            return 2
+        evidence.processes, arguments = int(given), arguments[:at] + arguments[at + 2 :]
     unknown = [name for name in arguments if name not in module_names()]
     if unknown:
         print(
