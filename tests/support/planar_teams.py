@@ -13,11 +13,15 @@ import numpy as np
 
 from colift import scenario
 from colift.analysis import bound_axes
+from colift.models.parameters import Team
+from colift.models.state import State
 from colift.scenario import Scenario, ScenarioError, initial_states, team
 from colift.scenario.template import VehicleTemplate, scenario_text
 
 LEVERS = (0.05, 0.5)  # m, from the base to the tip
 GAIN_RATIOS = (0.3, 3.0)  # of agent_k_R, relative to u l / I
+DAMPING = 1.77
+"""Ratio of `agent_k_omega` to the square root of `agent_k_R`, twice the damping ratio."""
 BASE = {"mass_kg": 1.5, "inertia_kgm2": [0.02, 0.02, 0.035]}
 AXES = {"x": [1, 0, 0], "y": [0, 1, 0], "z": [0, 0, 1]}
 
@@ -48,12 +52,20 @@ def random_team(seed: int) -> Scenario:
             z = initial_states.equilibrium_state(candidate, truth)
         except ScenarioError:
             continue
-        thrust = hover_thrust(candidate)
-        axes = [axis for axis in bound_axes.bound_axes(truth, z, thrust) if axis.lever > 0]
-        critical = max((axis.thrust * axis.lever / axis.inertia for axis in axes), default=250.0)
-        k_R = float(critical * np.exp(rng.uniform(*np.log(GAIN_RATIOS))))
-        gains = {"agent_k_R": k_R, "agent_k_omega": 1.77 * float(np.sqrt(k_R))}
+        k_R = float((_critical_gain(truth, z, candidate) or 250.0) * np.exp(rng.uniform(*np.log(GAIN_RATIOS))))
+        gains = {"agent_k_R": k_R, "agent_k_omega": DAMPING * float(np.sqrt(k_R))}
         return candidate.model_copy(update={"control": candidate.control.model_copy(update=gains)})
+
+
+def critical_gain(settings: Scenario) -> float | None:
+    """Return the largest `u l / I` of the bound axes [1/s^2]; None without one."""
+    truth, _ = team.team(settings)
+    return _critical_gain(truth, initial_states.equilibrium_state(settings, truth), settings)
+
+
+def _critical_gain(truth: Team, state: State, settings: Scenario) -> float | None:
+    axes = [axis for axis in bound_axes.bound_axes(truth, state, hover_thrust(settings)) if axis.lever > 0]
+    return max((axis.thrust * axis.lever / axis.inertia for axis in axes), default=None)
 
 
 def hover_thrust(settings: Scenario) -> np.ndarray:

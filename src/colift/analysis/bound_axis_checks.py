@@ -16,7 +16,7 @@ from colift.analysis.bound_axes import BoundAxis
 from colift.analysis.findings import Finding, Level
 from colift.models.parameters import Team
 from colift.models.state import State
-from colift.scenario import Scenario, team
+from colift.scenario import Scenario, controllers, team
 
 REFERENCE_TORQUE = 0.01
 """Torque whose tilt is reported if the disturbances apply none to the agents [N m]."""
@@ -98,7 +98,8 @@ def check_yaw_gains(
     """
     if not np.isfinite(zero):
         return
-    k_R, k_omega = (np.broadcast_to(x, (3,)) for x in (settings.control.k_R, settings.control.k_omega))
+    gains = controllers.gains(settings, truth)
+    k_R, k_omega = np.asarray(gains.k_R), np.asarray(gains.k_omega)
     good = bound_axes.yaw_gains_within_limit(zero, float(k_R[2]), float(k_omega[2]))
     limits = bound_axes.MAX_YAW_STIFFNESS * zero**2, bound_axes.MAX_YAW_RATE_GAIN * zero
     message = (
