@@ -51,9 +51,9 @@ attitude = jax.jit(attitude_module.attitude_from_thrust)
 @jax.jit
 @functools.partial(jax.vmap, in_axes=(0, None, None, 0, None, None, 0, 0))
 def realize(agent, gains, gravity, q, load, to, share, f):
-    """Agent controller of the paper with its attitude setpoint."""
-    turn = attitude_module.thrust_attitude_setpoint(agent, gravity, to, share, f)
-    return realization.agent_inputs(agent, gains, gravity, q, load, to, share, f, turn)
+    """Agent controller of the paper with its attitude setpoint; the commanded contact forces count as provided."""
+    turn = attitude_module.thrust_attitude_setpoint(agent, gravity, load, to, share, f)
+    return realization.agent_inputs(agent, gains, gravity, q, load, to, share, f, turn, jnp.zeros(3))
 
 
 @dataclasses.dataclass
@@ -89,6 +89,7 @@ def task(seed: int, structure: tuple) -> Task:
         a=team.gravity + (jnp.array(lam.sum(0)) + load.F) / team.payload.mass,
         alpha=jnp.array(np.linalg.solve(J, moment)),
         jerk=draw(3),
+        alpha_dot=draw(3),
     )
     return Task(team=team, z=z, to=to, shares=tuple(shares), f=ResidualForces(agents=tuple(forces), payload=load))
 
@@ -190,14 +191,28 @@ def test_agents_follow_the_attitude_law(seed, structure):
         strict=True,
     )
     for j, (agent, q, share, f) in enumerate(parts):
-        m = agent.mass.sum()
-        f_dir = m * (problem.to.a - problem.team.gravity) + share.lam.sum(0) - f.f_x
-        f_dot = m * problem.to.jerk + share.lam_dot.sum(0)
-        R, R_d = np.asarray(q.R), np.asarray(attitude(f_dir, share.yaw))
-        R_d_dot = (attitude(f_dir + h * f_dot, share.yaw) - attitude(f_dir - h * f_dot, share.yaw)) / (2 * h)
+        m, c = agent.mass.sum(), np.asarray(agent.contact_position)
+
+        def f_dir(s, m=m, c=c, share=share, f=f):
+            lam = share.lam + s * share.lam_dot
+            a = contact_accelerations(problem.z.payload, problem.to, c, s).mean(0)
+            return jnp.asarray(m * (a - problem.team.gravity) + lam.sum(0) - f.f_x)
+
+        R, R_d = np.asarray(q.R), np.asarray(attitude(f_dir(0.0), share.yaw))
+        R_d_dot = (attitude(f_dir(h), share.yaw) - attitude(f_dir(-h), share.yaw)) / (2 * h)
         omega_d = vee(R_d.T @ np.asarray(R_d_dot))
         expected = -k_R * vee(R_d.T @ R) - k_w * (q.omega - R.T @ R_d @ omega_d)
         np.testing.assert_allclose(turned[j], expected, atol=1e-6)
+
+
+def contact_accelerations(
+    q: PayloadState, to: tracking.AccelerationCommand, c: np.ndarray, s: float
+) -> np.ndarray:
+    """Return accelerations of points c after s seconds of the commanded motion, in plain NumPy and SciPy [m/s^2]."""
+    w, alpha, alpha_dot = (np.asarray(x) for x in (q.omega, to.alpha, to.alpha_dot))
+    R = np.asarray(q.R) @ Rotation.from_rotvec(s * w + s**2 / 2 * alpha).as_matrix()
+    w, alpha = w + s * alpha, alpha + s * alpha_dot
+    return np.asarray(to.a + s * to.jerk) + (np.cross(alpha, c) + np.cross(w, np.cross(w, c))) @ R.T
 
 
 def vee(A: np.ndarray) -> np.ndarray:
@@ -230,10 +245,10 @@ def test_posture_tilt_accelerates_the_center_of_mass(seed):
         lam=jnp.zeros((1, 3)), lam_dot=jnp.zeros((1, 3)), yaw=jnp.array(0.4), nominal_posture=q.r - jnp.asarray(off)
     )
     none = GeneralizedForce(f_x=zero, f_w=zero, f_r=zero)
-    turn = attitude_module.thrust_attitude_setpoint(agent, g, to, share, none)
+    turn = attitude_module.thrust_attitude_setpoint(agent, g, teams.payload_state(rng, speed=0.0), to, share, none)
     q = dataclasses.replace(q, R=turn.R)
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
-    tilted, _ = redundancy.posture_control(agent, GAINS, g, q, to, share, none, p, turn)
+    tilted, _ = redundancy.posture_control(agent, GAINS, g, q, to.a, share, none, p, turn)
     r_dd = -(float(GAINS.posture_bandwidth) ** 2) * off
     lift = -np.asarray(turn.R) @ np.asarray(p.J_tip)[0, :, 3:] @ r_dd  # m/s^2; the tip stays
     f = lift - np.asarray(g)
@@ -333,13 +348,17 @@ def test_commanded_acceleration_gives_the_error_dynamics(seed):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_jerk_is_the_rate_of_the_commanded_acceleration(seed):
+    """With the full feedback of the measured acceleration; a smaller share leaves out the rest of this term."""
     of, h = moving_setpoint(seed), 1e-4
-    to = command(GAINS, of.q, of.a, of.d)
-    ends = [np.asarray(command(GAINS, q, of.a, d).a) for q, d in (of.after(s, to.alpha) for s in (h, -h))]
+    gains = dataclasses.replace(GAINS, jerk_feedback=jnp.ones(()))
+    to = command(gains, of.q, of.a, of.d)
+    ends = [np.asarray(command(gains, q, of.a, d).a) for q, d in (of.after(s, to.alpha) for s in (h, -h))]
     np.testing.assert_allclose(to.jerk, (ends[0] - ends[1]) / (2 * h), atol=1e-6)
     e_v, e_a = of.q.v - of.d.v, of.a - of.d.a
     assert np.abs(GAINS.K_p @ e_v).min() > 1e-3  # each term counts
     assert np.abs(GAINS.K_v @ e_a).min() > 1e-3
+    left_out = (1 - GAINS.jerk_feedback) * (GAINS.K_v @ e_a)
+    np.testing.assert_allclose(command(GAINS, of.q, of.a, of.d).jerk, to.jerk + left_out, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -432,7 +451,7 @@ def test_preview_rates_of_a_single_body(seed):
     )
     ahead = preview.AgentPreview(step=jnp.array(step), payload=load, acceleration_cmd=to, f=jnp.asarray(f))
     now = jax.tree.map(lambda x: x[2], to)
-    turn = preview.preview_attitude_setpoint(body, team.gravity, q, now, share, none, ahead)
+    turn = preview.preview_attitude_setpoint(body, team.gravity, q, z.payload, now, share, none, ahead)
     expected = attitude_module.attitude_trajectory(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.yaw)
     for name in ("R", "omega", "omega_dot"):
         np.testing.assert_allclose(getattr(turn, name), getattr(expected, name), atol=1e-7, err_msg=name)

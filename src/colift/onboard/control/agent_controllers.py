@@ -45,11 +45,6 @@ class ThrustVectoringController:
         attitudes = self.attitude_setpoints(context, acceleration_cmd, agent_setpoints, f_hat)
         payload, agents = context.estimate.payload, context.estimate.agents
         deficits = realization.contact_force_deficits(team, agents, payload, tuple(d.f for d in attitudes))
-        deficits = (
-            tuple((__import__("os").environ.get("DD", "1") == "1" and d) or d for d in deficits)
-            if 0
-            else tuple(float(__import__("os").environ.get("DD", "1")) * d for d in deficits)
-        )
         for group, q, setpoint, f, desired, deficit in zip(
             team.agent_groups, agents, agent_setpoints, f_hat.agents, attitudes, deficits, strict=True
         ):
