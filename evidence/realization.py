@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+import colift
 from colift.analysis import preflight, stability
-from colift.closed_loop.flight import run_experiment
 from colift.scenario import Scenario, experiment
 from evidence import collect
 from evidence.targets import Target
@@ -47,7 +47,7 @@ def growth_rate(settings: Scenario, agent_k_R: float) -> float:
 
 def simulate_case(settings: Scenario, case: str) -> dict[str, Any]:
     """Return whether a case completes its flight, and its errors in the second half."""
-    metrics = run_experiment(experiment.make_experiment(settings, case), duration=DURATION).metrics
+    metrics = colift.run_experiment(colift.make_experiment(settings, case), duration=DURATION).metrics
     return {key: metrics[key] for key in ("termination_reason", "e_p_rms_m", "e_R_rms")}
 
 
