@@ -9,6 +9,8 @@ The closure of a proof holds:
 - source files of the folders in the proof's ``RUNS``, for proofs that start other programs;
 - lock files: ``requirements/run.txt``, and each other lock that pins a third-party package of the closure.
 
+A proof that compares two commits of the history (`HISTORY`) depends on its own module only.
+
 Imports inside functions are not followed, except third-party imports of the proof: they select lock files.
 """
 
@@ -24,6 +26,7 @@ from pathlib import Path
 
 PACKAGES = {"colift": "src/colift", "evidence": "evidence", "tests": "tests", "benchmarks": "benchmarks"}
 TOOLS = ("__init__", "__main__", "dependencies", "restamp", "status", "targets")  # of `evidence`: they change no result
+HISTORY = ("renaming",)  # of `evidence`: they run two commits and not the present code
 SOURCE = {".py", ".yaml", ".h"}
 NAME = set("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-")
 LOCKS = "requirements"
@@ -38,6 +41,8 @@ def closure(proof: Path, root: Path) -> set[Path]:
         proof: The proof's module.
         root: The project's folder.
     """
+    if proof.stem in HISTORY:
+        return {proof}
     tools = {root / "evidence" / f"{name}.py" for name in TOOLS}
     found: set[Path] = set()
     left = {proof}

@@ -1,7 +1,6 @@
 """Bit-equality of results before and after the renaming to standard terms: flights, exported C code, a certificate.
 
-Both versions run on this machine with the installed packages: the version before, from the history of the repository,
-and the present version. Each item compares both outputs after a mapping of old names to new ones. A difference of a
+Both versions run on this machine with the installed packages, from the history of the repository. Each item compares both outputs after a mapping of old names to new ones. A difference of a
 single bit is reported.
 """
 
@@ -25,6 +24,8 @@ from evidence import ROOT, collect
 
 BEFORE = "444a949"
 """Last commit before the renaming."""
+AFTER = "a0e1cb3"
+"""Commit with all renamed parts, before the control law changed."""
 CASES = {
     "C1": "C1",
     "C2": "C2",
@@ -47,23 +48,23 @@ def outputs() -> tuple[Path, Path]:
     """Run both versions once.
 
     Returns:
-        Folders of the results of the version before and of the version checked out.
+        Folders of the results of both versions.
     """
     folder = Path(tempfile.mkdtemp(prefix="colift-renaming-"))
     old, new = folder / "old", folder / "new"
-    subprocess.run(["git", "worktree", "add", "--detach", str(folder / "tree"), BEFORE], cwd=ROOT, check=True)
-    try:
-        tree = folder / "tree" / "src"
-        cases = ",".join(CASES.values())
-        run_version(tree, ["study", "paper", "--cases", cases, "--quiet", "--out", str(old / "study")])
-        run_version(tree, ["export", "c", "paper", "--out", str(old / "c")])
-        run_version(tree, ["certify", "certified", "--quiet", "--out", str(old / "certificate")])
-    finally:
-        subprocess.run(["git", "worktree", "remove", "--force", str(folder / "tree")], cwd=ROOT, check=False)
-    chosen = [word for case in CASES for word in ("--case", case)]
-    run_version(ROOT / "src", ["study", "paper", *chosen, "--quiet", "--out", str(new / "study")])
-    run_version(ROOT / "src", ["export", "c", "paper", "--out", str(new / "c")])
-    run_version(ROOT / "src", ["certify", "certified", "--quiet", "--out", str(new / "certificate")])
+    chosen = {
+        old: ["--cases", ",".join(CASES.values())],
+        new: [word for case in CASES for word in ("--case", case)],
+    }
+    for commit, out in ((BEFORE, old), (AFTER, new)):
+        subprocess.run(["git", "worktree", "add", "--detach", str(folder / commit), commit], cwd=ROOT, check=True)
+        try:
+            source = folder / commit / "src"
+            run_version(source, ["study", "paper", *chosen[out], "--quiet", "--out", str(out / "study")])
+            run_version(source, ["export", "c", "paper", "--out", str(out / "c")])
+            run_version(source, ["certify", "certified", "--quiet", "--out", str(out / "certificate")])
+        finally:
+            subprocess.run(["git", "worktree", "remove", "--force", str(folder / commit)], cwd=ROOT, check=False)
     return old, new
 
 
