@@ -1,7 +1,7 @@
 """Bit-equality of results before and after the renaming to standard terms: flights, exported C code, a certificate.
 
-Both versions run on this machine with the installed packages, from the history of the repository. Each item compares both outputs after a mapping of old names to new ones. A difference of a
-single bit is reported.
+Both versions run on this machine with the installed packages, from the history of the repository. Each item compares
+both outputs after a mapping of old names to new ones. A difference of a single bit is reported.
 """
 
 from __future__ import annotations
