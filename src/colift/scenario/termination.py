@@ -102,7 +102,7 @@ def undisturbed_hover_thrust(
     Returns:
         Thrust `(agents,)` [N].
     """
-    return np.asarray(_hover_residual(truth, base_controller, state, zero_residual(truth), jnp.zeros(())))
+    return np.asarray(hover_forces(truth, base_controller, state, zero_residual(truth), jnp.zeros(()))[0])
 
 
 def disturbance_torques(truth: Team, sources: disturbances.DisturbanceSet, state: State) -> np.ndarray:

@@ -205,9 +205,7 @@ def test_agents_follow_the_attitude_law(seed, structure):
         np.testing.assert_allclose(turned[j], expected, atol=1e-6)
 
 
-def contact_accelerations(
-    q: PayloadState, to: tracking.AccelerationCommand, c: np.ndarray, s: float
-) -> np.ndarray:
+def contact_accelerations(q: PayloadState, to: tracking.AccelerationCommand, c: np.ndarray, s: float) -> np.ndarray:
     """Return accelerations of points c after s seconds of the commanded motion, in plain NumPy and SciPy [m/s^2]."""
     w, alpha, alpha_dot = (np.asarray(x) for x in (q.omega, to.alpha, to.alpha_dot))
     R = np.asarray(q.R) @ Rotation.from_rotvec(s * w + s**2 / 2 * alpha).as_matrix()

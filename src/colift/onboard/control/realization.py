@@ -79,7 +79,12 @@ def agent_inputs(
     if has_uncontrolled_joints(agent):
         y = y.at[3:].add(uncontrolled_joint_acceleration(agent, p, f_hat.f_r))
     f_des, Q, thrust_torque = inverse_dynamics.agent_inverse_dynamics_reduced(
-        p, h, q, q.R @ y[:3] - gravity, jnp.concatenate([omega_dot, y[3:]]), setpoint.lam - deficit[None] / agent.tree.arms
+        p,
+        h,
+        q,
+        q.R @ y[:3] - gravity,
+        jnp.concatenate([omega_dot, y[3:]]),
+        setpoint.lam - deficit[None] / agent.tree.arms,
     )
     u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
     Q = Q - u * thrust_torque
