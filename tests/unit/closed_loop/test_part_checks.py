@@ -6,6 +6,7 @@ import dataclasses
 import functools
 from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -43,6 +44,12 @@ def refused(made: flight.Experiment) -> str:
     return str(error.value)
 
 
+def with_last_field(value: Any, x: Any) -> Any:
+    """Return a PyTree with another last array, without the run-time check of its shape."""
+    leaves, structure = jax.tree.flatten(value)
+    return jax.tree.unflatten(structure, [*leaves[:-1], x])
+
+
 # Controller -----------------------------------------------------------------------------------------------------------
 
 
@@ -67,6 +74,10 @@ class Own:
             return command.a, state
         if self.fault == "condition" and command.a[0] > 0:
             return command, state
+        if self.fault == "no rate":
+            return dataclasses.replace(command, alpha_dot=None), state
+        if self.fault == "wrong rate":
+            return with_last_field(command, jnp.zeros(2)), state
         if self.fault == "numpy":
             return dataclasses.replace(command, a=np.array(command.a)), state
         if self.fault == "key":
@@ -88,6 +99,7 @@ def own(fault: str) -> flight.Experiment:
         ("other result", "compute: the result is float64[3]; must be AccelerationCommand"),
         ("condition", "a Python condition depends on an array; use `jnp.where` or `jax.lax.cond` instead of `if`"),
         ("numpy", "a NumPy function is applied to an array of JAX; use `jax.numpy` instead"),
+        ("wrong rate", "compute: `alpha_dot` of the result is float64[2]; must be float64[3]"),
         ("key", "KeyError: 'key'"),
     ],
 )
@@ -100,6 +112,7 @@ def test_fault_is_named_with_part_and_method(fault: str, message: str):
 
 def test_parts_that_fit_pass():
     part_checks.check_parts(own(""))
+    part_checks.check_parts(own("no rate"))  # the rate of the angular acceleration is optional
     part_checks.check_parts(built())
 
 
@@ -281,12 +294,21 @@ class Still:
     fault: str = static()
 
     def evaluate(self, t: Any) -> Any:
-        if self.fault:
+        if self.fault == "position only":
             return self.at
-        return base.differentiate_pose(lambda t: jnp.concatenate([self.at + 0 * t, jnp.zeros(3)]), jnp.eye(3), t)
+        at = base.differentiate_pose(lambda t: jnp.concatenate([self.at + 0 * t, jnp.zeros(3)]), jnp.eye(3), t)
+        if self.fault == "no rate":
+            return dataclasses.replace(at, omega_ddot=None)
+        return with_last_field(at, jnp.zeros((3, 3))) if self.fault == "wrong rate" else at
+
+
+@pytest.mark.parametrize("fault", ["", "no rate"])
+def test_reference_may_neglect_the_rate_of_angular_acceleration(fault: str):
+    part_checks.check_parts(with_parts(reference=Still(at=jnp.zeros(3), fault=fault)))
 
 
 def test_faulty_reference():
-    part_checks.check_parts(with_parts(reference=Still(at=jnp.zeros(3), fault="")))
+    found = refused(with_parts(reference=Still(at=jnp.zeros(3), fault="wrong rate")))
+    assert found == "reference: Still.evaluate: `omega_ddot` of the result is float64[3,3]; must be float64[3]"
     found = refused(with_parts(reference=Still(at=jnp.zeros(3), fault="position only")))
     assert found == "reference: Still.evaluate: the result is float64[3]; must be PayloadSetpoint"
