@@ -43,7 +43,7 @@ def test_rotational_error_equation():
     experiment, rows = flown()
     J, gains = np.asarray(experiment.controller.team.payload.inertia), experiment.controller.payload_controller.gains
     left = rows.a_L[:, 3:] @ J
-    feedback = -(float(gains.k_R) * rows.e_R + float(gains.k_omega) * rows.e_omega) @ J
+    feedback = -(np.asarray(gains.k_R) * rows.e_R + np.asarray(gains.k_omega) * rows.e_omega) @ J
     right = feedback + rows.delta_W[:, 3:] + (rows.f_L - rows.f_L_hat)[:, 3:]
     np.testing.assert_allclose(left, right, rtol=0, atol=1e-9)
     assert np.abs(rows.f_L[:, 3:]).max() > 0.1
@@ -66,7 +66,7 @@ def test_rotational_error_equation_about_moving_attitude():
     turned, changing = (np.einsum("tij,tj->ti", Q, np.asarray(x)) for x in (d.omega, d.omega_dot))
     assert np.abs(turned).max() > 0.1
     left = (rows.a_L[:, 3:] + np.cross(rows.omega_L, turned) - changing) @ J
-    feedback = -(float(gains.k_R) * rows.e_R + float(gains.k_omega) * rows.e_omega) @ J
+    feedback = -(np.asarray(gains.k_R) * rows.e_R + np.asarray(gains.k_omega) * rows.e_omega) @ J
     right = feedback + rows.delta_W[:, 3:] + (rows.f_L - rows.f_L_hat)[:, 3:]
     np.testing.assert_allclose(left, right, rtol=0, atol=1e-9)
 

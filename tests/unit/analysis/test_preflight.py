@@ -16,6 +16,7 @@ from colift import scenario
 from colift.analysis import feasibility, loop_checks, preflight, reference_loads, remedies, stability
 from colift.analysis.findings import Level
 from colift.cli.app import app
+from colift.onboard.estimation import state_estimator
 from colift.scenario import Scenario, experiment, initial_states, schema, team, template, termination
 from tests.support import small_team as light
 from tests.unit.analysis.test_loop_checks import two_modes
@@ -286,9 +287,12 @@ def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, a
     assert all(part in line for part, line in zip(advice, finding_, strict=True))
 
 
-def test_large_label_loop_gain_is_reported():
-    """Agents with a large label loop gain are reported; others are not."""
+def test_large_label_loop_gain_is_reported(monkeypatch: pytest.MonkeyPatch):
+    """Agents with a large gain are reported, here those whose joint rates follow from the encoders alone."""
     small_gain, large_gain = scenario.load_scenario("trio"), scenario.load_scenario("seven")
+    for settings in (small_gain, large_gain):
+        assert not list(preflight._labels(settings, team.team(settings)[1]))
+    monkeypatch.setattr(state_estimator, "MIN_LEVER", 1e6)
     assert not list(preflight._labels(small_gain, team.team(small_gain)[1]))
     (finding_,) = preflight._labels(large_gain, team.team(large_gain)[1])
     assert (

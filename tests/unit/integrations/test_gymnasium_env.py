@@ -160,7 +160,7 @@ def test_finished_flight_is_reset_in_the_next_step(many: TransportVecEnv) -> Non
     observation, rewards, terminated, truncated, _ = many.step(actions)
     assert not (terminated | truncated).any()
     np.testing.assert_array_equal(rewards, 0)
-    assert np.abs(observation - first).max() < 0.1  # as at a reset, with another noise
+    assert np.abs(observation - first).max() < 0.2  # as at a reset, with another noise: 0.04 in the acceleration
     assert np.abs(observation - first).max() > 0
     assert (many.step(actions)[1] > 0).all()
     again, _ = many.reset(seed=9)
@@ -180,7 +180,7 @@ def test_stable_baselines_3_gets_the_reset_observation(many: TransportVecEnv) ->
         observation, _, done, infos = flights.step(actions)
     assert done.all()
     assert all(each["TimeLimit.truncated"] for each in infos)
-    assert np.abs(observation - first).max() < 0.1  # as at a reset, with another noise
+    assert np.abs(observation - first).max() < 0.2  # as at a reset, with another noise: 0.04 in the acceleration
     assert np.abs(np.stack([each["terminal_observation"] for each in infos]) - first).max() > 0.1
     _, rewards, done, _ = flights.step(actions)
     assert (rewards > 0).all()

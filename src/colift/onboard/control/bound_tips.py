@@ -94,7 +94,8 @@ def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, pa
         g: Gravitational acceleration [m/s^2].
 
     Returns:
-        The gain.
+        The gain. Infinite without gravity, and for a posture with straight arms, where the rotation about the tips is
+        not determined.
     """
     ratio = payload_mass / (payload_mass + sum(float(each.agent.mass.sum()) for each in team))
     inertial, rotation = payload_mass * np.eye(2), np.zeros((2, 2))
@@ -110,6 +111,8 @@ def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, pa
         rotation = rotation + m * R[:2, :2] @ X @ R[:2, :2].T
     K_v = np.asarray(gains.K_v)[:2, :2]
     loop = np.linalg.solve(inertial, rotation) @ np.array([[0.0, -1.0], [1.0, 0.0]]) @ K_v
+    if g == 0 or not np.isfinite(loop).all():
+        return np.inf
     return float(gains.agent_k_omega) / g * float(np.linalg.norm(loop, 2))
 
 
