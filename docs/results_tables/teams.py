@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from evidence import realization
 from results_tables import CASES, items, limits, markdown, number, table
 
 KINDS = {
@@ -29,6 +30,19 @@ def generated_teams() -> str:
 
 def _columns(*cases: str) -> tuple[str, ...]:
     return tuple(f"`{case}` ({CASES[case]}) [mm]" for case in cases)
+
+
+@table("realization")
+def random_teams() -> str:
+    """Random teams with bound directions: targets, and flights by the verdict of the preflight check."""
+    found = items("realization")
+    rows = [(each.what, each.measured, each.limit, each.met) for each in realization.targets(found)]
+    for verdict in ("sound", "weak", "unsound"):
+        chosen = [one for one in found.values() if one["verdict"] == verdict]
+        for case in ("C1", "C3"):
+            complete = sum(not one[case]["termination_reason"] for one in chosen)
+            rows.append((f"verdict {verdict}: complete flights of {case} ({CASES[case]})", f"{complete} of {len(chosen)}", None, None))
+    return markdown(("random teams", "value", "limit", "met"), rows)
 
 
 @table("tuned")
