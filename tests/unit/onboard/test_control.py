@@ -374,6 +374,63 @@ def test_desired_wrench_gives_the_commanded_acceleration(seed):
     np.testing.assert_allclose(alpha, to.alpha, atol=1e-9 * np.linalg.cond(J))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_point_jerk_is_the_rate_of_the_point_acceleration(seed):
+    """Points of a payload whose command changes by `jerk` and `alpha_dot`, by differences in NumPy and SciPy."""
+    rng, q, h = np.random.default_rng(seed), moving_setpoint(seed).q, 1e-4
+    v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731
+    to = tracking.AccelerationCommand(a=v(), alpha=v(), jerk=v(), alpha_dot=v())
+    c = rng.normal(size=(4, 3))
+    now, ahead, behind = (contact_accelerations(q, to, c, s) for s in (0.0, h, -h))
+    np.testing.assert_allclose(tracking.point_acceleration(q, to, jnp.asarray(c)), now, atol=1e-12)
+    np.testing.assert_allclose(tracking.point_jerk(q, to, jnp.asarray(c)), (ahead - behind) / (2 * h), atol=1e-6)
+    neglected = tracking.point_jerk(q, dataclasses.replace(to, alpha_dot=None), jnp.asarray(c))
+    np.testing.assert_array_equal(neglected, np.tile(to.jerk, (4, 1)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_wrench_rate_is_the_rate_of_the_desired_wrench(seed):
+    """Of a payload that moves by the command, whose rates are `jerk` and `alpha_dot`; the residual is constant."""
+    rng, q, h = np.random.default_rng(seed), moving_setpoint(seed).q, 1e-4
+    payload = teams.team(rng, STRUCTURES[1]).payload
+    v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731
+    to, f, gravity = (
+        tracking.AccelerationCommand(a=v(), alpha=v(), jerk=v(), alpha_dot=v()),
+        Wrench(F=v(), tau=v()),
+        v(),
+    )
+
+    def wrench(s: float) -> Wrench:
+        command = dataclasses.replace(to, a=to.a + s * to.jerk, alpha=to.alpha + s * to.alpha_dot)
+        omega = q.omega + s * to.alpha + s**2 / 2 * to.alpha_dot
+        return tracking.desired_wrench(payload, gravity, dataclasses.replace(q, omega=omega), command, f)
+
+    rate, ahead, behind = tracking.desired_wrench_rate(payload, q, to), wrench(h), wrench(-h)
+    np.testing.assert_allclose(rate.F, (ahead.F - behind.F) / (2 * h), atol=1e-6)
+    np.testing.assert_allclose(rate.tau, (ahead.tau - behind.tau) / (2 * h), atol=1e-6)
+    assert not np.any(tracking.desired_wrench_rate(payload, q, dataclasses.replace(to, alpha_dot=None)).tau)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_angular_jerk_is_that_of_the_reference(seed):
+    """On the reference `alpha_dot` is the rate of alpha; elsewhere it is that of the reference in the payload frame."""
+    of, h = moving_setpoint(seed), 1e-4
+    omega_ddot = jnp.array(np.random.default_rng(seed).normal(size=3))
+
+    def on_reference(s: float) -> tracking.AccelerationCommand:
+        d = of.after(s, jnp.zeros(3))[1]
+        rates = {"omega": s * s / 2 * omega_ddot, "omega_dot": s * omega_ddot, "omega_ddot": omega_ddot}
+        now = {name: rate + (0 if name == "omega_ddot" else getattr(d, name)) for name, rate in rates.items()}
+        d = dataclasses.replace(d, **now)
+        return command(GAINS, PayloadState(R=d.R, p=d.p, omega=d.omega, v=d.v), d.a, d)
+
+    rate = (on_reference(h).alpha - on_reference(-h).alpha) / (2 * h)
+    np.testing.assert_allclose(on_reference(0.0).alpha_dot, rate, atol=1e-6)
+    off = command(GAINS, of.q, of.a, dataclasses.replace(of.d, omega_ddot=omega_ddot))
+    np.testing.assert_allclose(of.q.R @ off.alpha_dot, of.d.R @ omega_ddot, atol=1e-12)
+    assert command(GAINS, of.q, of.a, of.d).alpha_dot is None
+
+
 vectors = st.tuples(*[st.floats(-20, 20)] * 3).map(np.array)
 
 

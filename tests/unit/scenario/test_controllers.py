@@ -7,6 +7,7 @@ import pytest
 
 from colift import scenario
 from colift.models import grasp
+from colift.onboard.control import bound_tips
 from colift.scenario import ScenarioError, controllers, team, world
 from tests.support.varied_scenarios import changed
 
@@ -68,3 +69,37 @@ def test_preview_step_selects_the_preview_controller():
         "PreviewThrustVectoringController",
         0.03,
     )
+
+
+def gains_of(**control: object) -> tuple[list[float], list[float]]:
+    """Return the rotational gains of the payload of scenario `paper` with other settings."""
+    s = scenario.load_scenario("paper")
+    s = s.model_copy(update={"control": s.control.model_copy(update=control)})
+    gains = controllers.gains(s, team.team(s)[1])
+    return np.asarray(gains.k_R).tolist(), np.asarray(gains.k_omega).tolist()
+
+
+def test_single_rotational_gains_are_reduced_for_yaw():
+    """A number holds for roll and pitch; three numbers are taken as they are."""
+    s = scenario.load_scenario("paper")
+    zero = controllers.yaw_zero(s, team.team(s)[1])
+    yaw = bound_tips.default_yaw_gains(zero, 60.0, 14.0)
+    assert yaw[0] == pytest.approx((bound_tips.BANDWIDTH_RATIO * zero) ** 2)
+    assert yaw[0] < 60.0
+    assert gains_of(k_R=60.0, k_omega=14.0) == ([60.0, 60.0, yaw[0]], [14.0, 14.0, yaw[1]])
+    three = (60.0, 50.0, 40.0), (14.0, 13.0, 12.0)
+    assert gains_of(k_R=three[0], k_omega=three[1]) == tuple(map(list, three))
+    assert gains_of(k_R=three[0], k_omega=14.0)[0] == list(three[0])
+    assert gains_of(k_R=60.0, k_omega=three[1])[1] == list(three[1])
+    assert gains_of(k_R=0.01, k_omega=1.0) == ([0.01] * 3, [1.0] * 3)
+
+
+@pytest.mark.parametrize("name", ["plate", "paper", "uneven"])
+def test_jerk_feedback_limits_the_loop_gain(name):
+    """The share of the measured acceleration is 1 up to a loop gain of 0.8, and limits larger ones to it."""
+    s = scenario.load_scenario(name)
+    _, nominal = team.team(s)
+    gains, hover = controllers.gains(s, nominal), list(controllers._agents_in_hover(s, nominal))
+    loop_gain = bound_tips.acceleration_loop_gain(hover, gains, float(nominal.payload.mass), 9.81)
+    assert (loop_gain > bound_tips.MAX_LOOP_GAIN) == (name != "paper")
+    assert float(gains.jerk_feedback) * loop_gain == pytest.approx(min(loop_gain, bound_tips.MAX_LOOP_GAIN))

@@ -67,7 +67,7 @@ def test_derivatives_are_consistent(seed, t):
 
 @pytest.mark.parametrize("path", [rotating_path(1), rotating_path(2), random_waypoints(3)[0], random_waypoints(4)[0]])
 def test_attitude_rate_is_the_stated_body_rate(path):
-    """`R' = R hat(omega)`, `omega' = omega_dot`, by differences of order 4; rotations in SciPy."""
+    """`R' = R hat(omega)`, `omega' = omega_dot`, `omega'' = omega_ddot` by differences of order 4; SciPy rotations."""
     h = 1e-3
     for t in np.linspace(0.6, 1.4, 5):
         near = {k: at(path, jnp.array(t + k * h)) for k in (-2, -1, 0, 1, 2)}
@@ -75,10 +75,10 @@ def test_attitude_rate_is_the_stated_body_rate(path):
         now = near[0]
         rate = (turns[-2] - 8 * turns[-1] + 8 * turns[1] - turns[2]) / (12 * h)
         np.testing.assert_allclose(now.omega, rate, atol=1e-7)
-        omega = {k: np.asarray(d.omega) for k, d in near.items()}
-        np.testing.assert_allclose(
-            now.omega_dot, (omega[-2] - 8 * omega[-1] + 8 * omega[1] - omega[2]) / (12 * h), atol=1e-6
-        )
+        for name, derivative in (("omega", "omega_dot"), ("omega_dot", "omega_ddot")):
+            y = {k: np.asarray(getattr(d, name)) for k, d in near.items()}
+            rate = (y[-2] - 8 * y[-1] + 8 * y[1] - y[2]) / (12 * h)
+            np.testing.assert_allclose(getattr(now, derivative), rate, atol=1e-6, err_msg=derivative)
         np.testing.assert_allclose(now.R.T @ now.R, np.eye(3), atol=1e-12)
 
 
