@@ -41,7 +41,14 @@ def random_teams() -> str:
         chosen = [one for one in found.values() if one["verdict"] == verdict]
         for case in ("C1", "C3"):
             complete = sum(not one[case]["termination_reason"] for one in chosen)
-            rows.append((f"verdict {verdict}: complete flights of {case} ({CASES[case]})", f"{complete} of {len(chosen)}", None, None))
+            rows.append(
+                (
+                    f"verdict {verdict}: complete flights of {case} ({CASES[case]})",
+                    f"{complete} of {len(chosen)}",
+                    None,
+                    None,
+                )
+            )
     return markdown(("random teams", "value", "limit", "met"), rows)
 
 
