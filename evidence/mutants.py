@@ -168,8 +168,8 @@ MUTANTS = {
     ),
     "torques: contact force deficit omitted": Mutant(
         "onboard/control/agent_controllers.py",
-        "f, desired, deficit",
-        "f, desired, 0.0 * deficit",
+        "acceleration_cmd, setpoint, f, desired, deficit",
+        "acceleration_cmd, setpoint, f, desired, 0.0 * deficit",
         "unit/onboard/test_contact_force_deficits",
         "test_static_torque",
     ),
