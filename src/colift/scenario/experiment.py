@@ -146,7 +146,8 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
     controller = dataclasses.replace(controller, recorder=recorder)
     match case:
         case "integral":
-            K_i, k_i = jnp.asarray(tuning.position_integral_gain), jnp.asarray(tuning.attitude_integral_gain)
+            K_i, k_R = jnp.asarray(tuning.position_integral_gain), controllers.gains(settings, controller.team).k_R
+            k_i = tuning.attitude_integral_gain * (k_R / k_R.max()) ** 1.5  # 1/s^3: for yaw with its lower bandwidth
             controller = dataclasses.replace(
                 controller,
                 payload_controller=payload_controllers.IntegralAction(

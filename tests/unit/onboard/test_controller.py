@@ -13,6 +13,7 @@ import pytest
 
 from colift.closed_loop import signals, simulator
 from colift.closed_loop.flight import Experiment, run_experiment
+from colift.math import so3
 from colift.models.state import Wrench, flatten_payload_state, zero_residual
 from colift.onboard import controller, interfaces
 from colift.onboard.control import agent_controllers, allocation, payload_controllers, tracking
@@ -126,14 +127,14 @@ def test_integral_action_sums_the_errors():
     of = with_exact_sensors(paper_experiment("integral"))
     _, rows = simulate_chunks(of)
     nominal, gains = of.controller.team, of.controller.payload_controller
-    a = commanded(rows, gains.leader, of.controller.reference) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
+    a = commanded(rows, gains.base, of.controller.reference) - float(gains.K_i) * DT * np.cumsum(rows.e_p, axis=0)
     np.testing.assert_allclose(
         rows.W_d[:, :3], float(nominal.payload.mass) * (a - np.asarray(nominal.gravity)), atol=1e-6
     )
-    assert np.abs(a - commanded(rows, gains.leader, of.controller.reference)).max() > 0.01
+    assert np.abs(a - commanded(rows, gains.base, of.controller.reference)).max() > 0.01
     J, w = np.asarray(nominal.payload.inertia), rows.omega_L
-    turn = float(gains.leader.gains.k_R) * rows.e_R + float(gains.leader.gains.k_omega) * rows.e_omega
-    alpha = -turn - float(gains.k_i) * DT * np.cumsum(rows.e_R, axis=0)
+    turn = np.asarray(gains.base.gains.k_R) * rows.e_R + np.asarray(gains.base.gains.k_omega) * rows.e_omega
+    alpha = -turn - np.asarray(gains.k_i) * DT * np.cumsum(rows.e_R, axis=0)
     np.testing.assert_allclose(rows.W_d[:, 3:], alpha @ J + np.cross(w, w @ J), atol=1e-6)
 
 
@@ -156,7 +157,8 @@ def test_observer_filters_the_unexplained_wrench():
         [float(of.controller.team.payload.mass) * (a[:, :3] - gravity), w_dot @ J + np.cross(w, w @ J)], axis=1
     )
     missed -= rows.W_d[:-1]
-    b, d = 1 - np.exp(-2 * np.pi * float(of.controller.residual_predictor.bandwidth) * DT), np.zeros(6)
+    hertz = np.repeat(of.controller.residual_predictor.bandwidth, 3)  # of force and moment
+    b, d = 1 - np.exp(-2 * np.pi * hertz * DT), np.zeros(6)
     np.testing.assert_array_equal(rows.f_L_hat[0], 0)
     for k, sample in enumerate(missed):
         d = d + b * (sample - d)
@@ -222,14 +224,19 @@ def _rate_by_differences(
     q_hat: state_estimator.StateEstimate,
     to: tracking.AccelerationCommand,
 ) -> jax.Array:
-    """Return the rate of the allocated forces for the wrench `m jerk`, by differences of allocations."""
-    m, h, R = controlled.team.payload.mass, 0.5, q_hat.payload.R
+    """Return the rate of the allocated forces for the wrench of the commanded motion, by differences of allocations.
+
+    The wrench is at most quadratic in time, so that central differences are exact.
+    """
+    payload, q, h = controlled.team.payload, q_hat.payload, 0.5
     eta, one_experiment = jnp.zeros_like(controlled.allocator.internal.eta), controlled.allocator.allocation
-    ends = [
-        allocation.allocate(one_experiment, R, Wrench(F=m * (to.a + s * to.jerk), tau=jnp.zeros(3)), eta)
-        for s in (h, -h)
-    ]
-    return (ends[0] - ends[1]) / (2 * h)
+
+    def forces(s: float) -> jax.Array:
+        w = q.omega + s * to.alpha
+        tau = payload.inertia @ (to.alpha + s * to.alpha_dot) + so3.cross(w, payload.inertia @ w)
+        return allocation.allocate(one_experiment, q.R, Wrench(F=payload.mass * (to.a + s * to.jerk), tau=tau), eta)
+
+    return (forces(h) - forces(-h)) / (2 * h)
 
 
 @pytest.mark.long

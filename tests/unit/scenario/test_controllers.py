@@ -8,7 +8,7 @@ import pytest
 from colift import scenario
 from colift.models import grasp
 from colift.onboard.control import bound_tips
-from colift.scenario import ScenarioError, controllers, team, world
+from colift.scenario import ScenarioError, controllers, experiment, team, world
 from tests.support.varied_scenarios import changed
 
 
@@ -19,8 +19,8 @@ def test_internal_forces_leave_the_wrench_unchanged(name):
     if s.allocation.internal is None:
         pytest.skip("asks for none")
     _, nominal = team.team(s)
-    experiment, internal = controllers.allocation(s, nominal)
-    lam = np.asarray(experiment.nullspace @ internal.eta)
+    allocation, internal = controllers.allocation(s, nominal)
+    lam = np.asarray(allocation.nullspace @ internal.eta)
     assert np.linalg.norm(lam) >= 1
     assert np.linalg.norm(lam.reshape(-1, 3), axis=1).max() >= 0.5
     G = np.asarray(grasp.grasp_matrix(grasp.contact_points(nominal), jnp.eye(3)))
@@ -103,3 +103,15 @@ def test_jerk_feedback_limits_the_loop_gain(name):
     loop_gain = bound_tips.acceleration_loop_gain(hover, gains, float(nominal.payload.mass), 9.81)
     assert (loop_gain > bound_tips.MAX_LOOP_GAIN) == (name != "paper")
     assert float(gains.jerk_feedback) * loop_gain == pytest.approx(min(loop_gain, bound_tips.MAX_LOOP_GAIN))
+
+
+@pytest.mark.parametrize("name", ["paper", "plate"])
+def test_integral_gain_has_the_bandwidth_of_each_axis(name):
+    """The error dynamics `s^3 + k_omega s^2 + k_R s + k_i` are stable (Routh) by the same margin in pitch and yaw."""
+    s = scenario.load_scenario(name)
+    integral = experiment.make_experiment(s, "integral").controller.payload_controller
+    k_R, k_omega, k_i = (np.asarray(x) for x in (integral.base.gains.k_R, integral.base.gains.k_omega, integral.k_i))
+    assert k_R[2] < k_R[1]
+    assert k_i[1] == s.baselines.attitude_integral_gain
+    np.testing.assert_allclose(k_i / k_R**1.5, k_i[0] / k_R[0] ** 1.5)
+    assert (k_i < 0.1 * k_R * k_omega).all()

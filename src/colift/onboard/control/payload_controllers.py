@@ -41,7 +41,7 @@ class IntegralAction:
 
     base: PayloadController  # controller to which the integral action is added
     K_i: Scalar  # 1/s^3, gain of the integrated position error
-    k_i: Scalar  # 1/s^3, gain of the integrated attitude error
+    k_i: Scalar | Float[Array, "3"]  # 1/s^3, gain of the integrated attitude error, or one by axis of the payload
 
     def init(self) -> PartState:
         """Return the integrals `(K_i int e_p, k_i int e_R)`, zero, and the state of the base controller."""

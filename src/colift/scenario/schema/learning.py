@@ -76,7 +76,7 @@ class BaselineTuning(Section):
     position_integral_gain: Annotated[fields.GainOrNone, unit("1/s³")] = 2.0
     """Integral gain of the position error, case `integral`."""
     attitude_integral_gain: Annotated[fields.GainOrNone, unit("1/s³")] = 40.0
-    """Integral gain of the attitude error, case `integral`."""
+    """Integral gain of the attitude error, case `integral`; reduced for yaw by the ratio of `k_R` to the power 3/2."""
     dob_Hz: fields.Rates = (0.5, 0.5)
     """Bandwidths of force and moment of the disturbance observer, case `disturbance_observer`."""
     mass_prior_std_kg: fields.Deviation = 0.5
