@@ -49,14 +49,14 @@ def right_half_plane_zero(agent: AerialManipulator, posture: Float[Array, "n_r"]
         thrust: Thrust u in hover [N].
 
     Returns:
-        The zero [rad/s]; infinite if the agent does not limit yaw.
+        The zero [rad/s]; infinite if the agent does not limit yaw, and without thrust.
     """
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
     height, c = -float(np.asarray(p.tip_from_com)[:, 2].mean()), np.asarray(agent.contact_position).mean(0)
     D = np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(_rotation_z(yaw))))
     tangent = np.array([-c[1], c[0], 0.0]) / max(float(np.hypot(c[0], c[1])), np.finfo(float).tiny)
     lever = float(p.mass) * height * float(tangent @ D @ tangent)
-    return float(np.sqrt(thrust / lever)) if lever > 0 else np.inf
+    return float(np.sqrt(thrust / lever)) if lever > 0 and thrust > 0 else np.inf
 
 
 class HoverAgent(NamedTuple):
@@ -82,10 +82,10 @@ def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, pa
     and the agent an angular acceleration of k_w times that. With fixed tips its center of mass moves by X per rotation,
     which accelerates the payload. Horizontally, with `D` of `redundancy.bound_directions`,
 
-        gain = |k_w / g (m_L I + sum m D)^-1 sum m X L hat(e_3) K_v|,    L = I / (I + rho m l^2),
+        gain = norm(k_w / g (m_L I + sum m D)^-1 sum m X L hat(e_3) K_v),    L = I / (I + rho m l^2),
 
-    where I is the inertia of the motion, `l = |X|`, and `rho = m_L / (m_L + sum m)`. Equal agents with rigid hooks have
-    the gain `k_w K_v m l L / u`. Above about 1 the loop is unstable at 40 to 110 rad/s.
+    where I is the inertia of the motion, l the norm of X, and `rho = m_L / (m_L + sum m)`. Equal agents with rigid
+    hooks have the gain `k_w K_v m l L / u`. Above about 1 the loop is unstable at 40 to 110 rad/s.
 
     Args:
         team: Agents in hover.
