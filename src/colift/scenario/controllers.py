@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -55,7 +54,8 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     """
     given = settings.control
     stated = np.broadcast_to(given.k_R, 3), np.broadcast_to(given.k_omega, 3)
-    limited = bound_tips.default_yaw_gains(yaw_zero(settings, nominal), float(stated[0][2]), float(stated[1][2]))
+    team = agents_in_hover(settings, nominal)
+    limited = bound_tips.default_yaw_gains(bound_tips.yaw_zero(team), float(stated[0][2]), float(stated[1][2]))
     k_R, k_omega = (
         np.array([*every[:2], yaw]) if np.ndim(gain) == 0 else every
         for gain, every, yaw in zip((given.k_R, given.k_omega), stated, limited, strict=True)
@@ -70,34 +70,28 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
         agent_k_omega=array(given.agent_k_omega),
         posture_bandwidth=array(given.posture_bandwidth),
     )
-    team, g = list(_agents_in_hover(settings, nominal)), float(jnp.linalg.norm(nominal.gravity))
+    g = float(jnp.linalg.norm(nominal.gravity))
     loop_gain = bound_tips.acceleration_loop_gain(team, result, float(nominal.payload.mass), g)
     jerk_feedback = array(min(1.0, bound_tips.MAX_LOOP_GAIN / max(loop_gain, np.finfo(float).tiny)))
     return dataclasses.replace(result, jerk_feedback=jerk_feedback)
 
 
-def yaw_zero(settings: schema.Scenario, nominal: Team) -> float:
-    """Return the smallest `bound_tips.right_half_plane_zero` of the agents in hover [rad/s]."""
-    reach = max(
-        float(jnp.linalg.norm(group.contact_position[..., :2], axis=-1).max()) for group in nominal.agent_groups
-    )
-    zeros = [np.inf]
-    for agent, posture, yaw, thrust in _agents_in_hover(settings, nominal):
-        if float(jnp.linalg.norm(agent.contact_position.mean(0)[:2])) > bound_tips.MIN_RADIUS_RATIO * reach:
-            zeros.append(bound_tips.right_half_plane_zero(agent, posture, yaw, thrust))
-    return min(zeros)
-
-
-def _agents_in_hover(settings: schema.Scenario, nominal: Team) -> Iterator[bound_tips.HoverAgent]:
-    """Yield each agent in its nominal posture, with an equal share of the payload."""
+def agents_in_hover(settings: schema.Scenario, nominal: Team) -> list[bound_tips.HoverAgent]:
+    """Return each agent in its nominal posture, with an equal share of the payload."""
     g, share = float(jnp.linalg.norm(nominal.gravity)), float(nominal.payload.mass) / sum(nominal.sizes)
-    for group, posture, yaws in zip(
+    groups = zip(
         nominal.agent_groups, team_module.nominal_posture(settings), trajectories.headings(settings), strict=True
-    ):
-        for j in range(len(yaws)):
-            agent = jax.tree.map(lambda x, j=j: x[j], group)
-            thrust = g * (float(agent.mass.sum()) + share)
-            yield bound_tips.HoverAgent(agent, posture[j], float(yaws[j]), thrust)
+    )
+    return [
+        bound_tips.HoverAgent(
+            agent := jax.tree.map(lambda x, j=j: x[j], group),
+            posture[j],
+            float(yaws[j]),
+            g * (float(agent.mass.sum()) + share),
+        )
+        for group, posture, yaws in groups
+        for j in range(len(yaws))
+    ]
 
 
 def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap, allocators.InternalForceSchedule]:
@@ -272,7 +266,7 @@ def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float
     each = iter(
         [
             label_feedback.label_loop_gain(agent, posture, gain, filters, thrust)
-            for agent, posture, _, thrust in _agents_in_hover(settings, team)
+            for agent, posture, _, thrust in agents_in_hover(settings, team)
         ]
     )
     return tuple(tuple(itertools.islice(each, size)) for size in team.sizes)

@@ -90,5 +90,5 @@ def test_arms_that_move_tangentially_do_not_limit_yaw():
     zeros = []
     for turn_deg in (0.0, 90.0):
         settings = planar_teams.bar(turn_deg)
-        zeros.append(controllers.yaw_zero(settings, team.team(settings)[1]))
+        zeros.append(bound_tips.yaw_zero(controllers.agents_in_hover(settings, team.team(settings)[1])))
     assert zeros[1] > 10 * zeros[0]

@@ -390,7 +390,7 @@ def test_point_jerk_is_the_rate_of_the_point_acceleration(seed):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_wrench_rate_is_the_rate_of_the_desired_wrench(seed):
-    """Of a payload that moves by the command, whose rates are `jerk` and `alpha_dot`; the residual is constant."""
+    """The payload moves by the command, whose rates are `jerk` and `alpha_dot`; the residual is constant."""
     rng, q, h = np.random.default_rng(seed), moving_setpoint(seed).q, 1e-4
     payload = teams.team(rng, STRUCTURES[1]).payload
     v = lambda: jnp.array(rng.normal(size=3))  # noqa: E731

@@ -82,7 +82,7 @@ def gains_of(**control: object) -> tuple[list[float], list[float]]:
 def test_single_rotational_gains_are_reduced_for_yaw():
     """A number holds for roll and pitch; three numbers are taken as they are."""
     s = scenario.load_scenario("paper")
-    zero = controllers.yaw_zero(s, team.team(s)[1])
+    zero = bound_tips.yaw_zero(controllers.agents_in_hover(s, team.team(s)[1]))
     yaw = bound_tips.default_yaw_gains(zero, 60.0, 14.0)
     assert yaw[0] == pytest.approx((bound_tips.BANDWIDTH_RATIO * zero) ** 2)
     assert yaw[0] < 60.0
@@ -99,7 +99,7 @@ def test_jerk_feedback_limits_the_loop_gain(name):
     """The share of the measured acceleration is 1 up to a loop gain of 0.8, and limits larger ones to it."""
     s = scenario.load_scenario(name)
     _, nominal = team.team(s)
-    gains, hover = controllers.gains(s, nominal), list(controllers._agents_in_hover(s, nominal))
+    gains, hover = controllers.gains(s, nominal), controllers.agents_in_hover(s, nominal)
     loop_gain = bound_tips.acceleration_loop_gain(hover, gains, float(nominal.payload.mass), 9.81)
     assert (loop_gain > bound_tips.MAX_LOOP_GAIN) == (name != "paper")
     assert float(gains.jerk_feedback) * loop_gain == pytest.approx(min(loop_gain, bound_tips.MAX_LOOP_GAIN))

@@ -36,6 +36,22 @@ MIN_RADIUS_RATIO = 0.01
 """Smallest distance of an agent's mean contact from the yaw axis, relative to the farthest contact."""
 
 
+class HoverAgent(NamedTuple):
+    """One agent in hover, with a level base.
+
+    Attributes:
+        agent: Nominal parameters.
+        posture: Joint positions [rad or m].
+        yaw: Heading [rad].
+        thrust: Thrust with its share of the payload [N].
+    """
+
+    agent: AerialManipulator
+    posture: Float[Array, "n_r"]
+    yaw: float
+    thrust: float
+
+
 def right_half_plane_zero(agent: AerialManipulator, posture: Float[Array, "n_r"], yaw: float, thrust: float) -> float:
     """Compute the zero `z = sqrt(u / (m l b))` of an agent's tangential force on the payload.
 
@@ -59,20 +75,23 @@ def right_half_plane_zero(agent: AerialManipulator, posture: Float[Array, "n_r"]
     return float(np.sqrt(thrust / lever)) if lever > 0 and thrust > 0 else np.inf
 
 
-class HoverAgent(NamedTuple):
-    """One agent in hover, with a level base.
+def yaw_zero(team: Sequence[HoverAgent]) -> float:
+    """Compute the smallest `right_half_plane_zero` of the agents whose mean contact is off the yaw axis.
 
-    Attributes:
-        agent: Nominal parameters.
-        posture: Joint positions [rad or m].
-        yaw: Heading [rad].
-        thrust: Thrust with its share of the payload [N].
+    Args:
+        team: Agents in hover.
+
+    Returns:
+        The zero [rad/s]; infinite if no agent limits yaw.
     """
-
-    agent: AerialManipulator
-    posture: Float[Array, "n_r"]
-    yaw: float
-    thrust: float
+    contacts = [np.asarray(each.agent.contact_position)[:, :2] for each in team]
+    reach = max(np.linalg.norm(c, axis=1).max() for c in contacts)
+    zeros = [
+        right_half_plane_zero(*each)
+        for each, c in zip(team, contacts, strict=True)
+        if np.linalg.norm(c.mean(0)) > MIN_RADIUS_RATIO * reach
+    ]
+    return min(zeros, default=np.inf)
 
 
 def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, payload_mass: float, g: float) -> float:
