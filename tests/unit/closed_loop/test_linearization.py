@@ -251,7 +251,7 @@ def steady_mismatch(truth: Team, r: jax.Array, k_R: float) -> float:
         ([m_L + N * m, N * m * h, -N, 0, 0], -1),  # the contact forces N (m (a + h alpha) - delta) + m_L a balance 1 N
         ([-h * m_L, J + N * m * X**2, 0, 0, 0], h),  # and have no moment about y
         ([0, 0, N, m_L + N * m, N * m * h], 0),  # m_L d = -sum of deficits, deficit = delta + m (d + h beta)
-        ([0, 0, N * h, N * h * m, J + N * h * h * m], 0),  # J beta = -h sum of deficits
+        ([0, 0, N * h, N * h * m, J + N * m * (h * h + X**2)], 0),  # (J + N m X^2) beta = -h sum of deficits
         (
             [tilting * m, tilting * m * h, 1, tilting * m, tilting * m * h],
             0,

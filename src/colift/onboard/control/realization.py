@@ -103,7 +103,9 @@ def contact_force_deficits(
     whose thrust is not aligned with the desired thrust f then lacks the force `D f`. The acceleration of the payload
     differs by d from the commanded one. With `P = [I, -R_L hat(c)]` for the mean contact c of an agent:
 
-        deficit = D (f + m P d),    M_L d = -sum P^T deficit,    M_L = diag(m_L I, J_L).
+        deficit = D (f + m P d),    (M_L + sum m P^T (D + b_3 b_3^T) P) d = -sum P^T D f,    M_L = diag(m_L I, J_L).
+
+    Along the thrust the center of mass also follows the tips, which adds `b_3 b_3^T` to the inertia.
 
     Inertial forces of rotations by which the agents correct their attitudes are not included: they would act on the
     payload against the intended direction.
@@ -125,15 +127,16 @@ def contact_force_deficits(
 
     def terms(
         agent: AerialManipulator, q: AgentState, f: Float[Array, "3"]
-    ) -> tuple[Float[Array, "3"], Float[Array, "3 6"], Float[Array, "3 6"]]:
+    ) -> tuple[Float[Array, "3"], Float[Array, "3 6"], Float[Array, "6 6"], Float[Array, "3 6"]]:
         p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
         D = bound_directions(agent, p, q.R)
         P = jnp.concatenate([jnp.eye(3), -payload.R @ so3.hat(agent.contact_position.mean(0))], axis=1)
-        return D @ f, p.mass * D @ P, P
+        inertia = p.mass * P.T @ (D + q.R[:, 2, None] * q.R[None, :, 2]) @ P
+        return D @ f, p.mass * D @ P, inertia, P
 
     groups = [jax.vmap(terms)(*each) for each in zip(team.agent_groups, agents, thrust, strict=True)]
-    for misaligned, inertial, P in groups:
-        A = A + jnp.einsum("aki,akj->ij", P, inertial)
+    for misaligned, _, inertia, P in groups:
+        A = A + inertia.sum(0)
         B = B - jnp.einsum("aki,ak->i", P, misaligned)
     d = linalg.solve(A, B[:, None])[:, 0]
-    return tuple(misaligned + inertial @ d for misaligned, inertial, _ in groups)
+    return tuple(misaligned + inertial @ d for misaligned, inertial, _, _ in groups)
