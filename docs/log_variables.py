@@ -27,7 +27,7 @@ def tables() -> str:
             "## Signals of each control period\n",
             table(log_signals.SIGNALS, "time"),
             "\n## Uncertainty signals\n",
-            "They are computed every 0.02 s, or every control period if that is longer.\n",
+            "They are computed every 0.1 s, or every control period if that is longer.\n",
             table(log_signals.UNCERTAINTY_SIGNALS, "time_sigma"),
             "",
         )

@@ -124,7 +124,7 @@ class FlightResult:
 
 
 CHUNK_DURATION = 0.5  # s, simulated time between two reports of progress
-UNCERTAINTY_PERIOD = 0.02  # s, between two evaluations of the uncertainty; at least one control period
+UNCERTAINTY_PERIOD = 0.1  # s, between two evaluations of the uncertainty; at least one control period
 
 
 def ticks_per_chunk(experiment: Experiment[World]) -> int:

@@ -336,7 +336,7 @@ def test_run_ends_at_a_near_singular_grasp():
     assert stopped.termination_reason.endswith(
         " 1/kg (limit min_delassus); the constraints of arms 1 and 2 are redundant"
     )
-    assert len(stopped.uncertainty.t) == first // 10 + 1
+    assert len(stopped.uncertainty.t) == first // round(UNCERTAINTY_PERIOD / 0.002) + 1
 
 
 def test_singular_value_limit_is_relative_to_the_start(flight):

@@ -105,6 +105,9 @@ class DefaultFeatures:
         return agent_feature_names(joints)
 
 
+MIN_ROWS = 64
+"""Smallest number of rows for which features are computed on the host."""
+
 BodyKey = tuple[int, int] | str
 """Key of a body: ``"payload"``, or ``(group, agent)``."""
 
@@ -120,4 +123,7 @@ def compute_features(features: Features, body: BodyKey, x: np.ndarray) -> np.nda
     Returns:
         Features, samples first.
     """
-    return np.asarray(features.payload(jnp.asarray(x)) if isinstance(body, str) else features.agent(jnp.asarray(x)))
+    n = len(x)
+    rows = max(MIN_ROWS, 1 << (n - 1).bit_length()) if n else 0  # few shapes, for each shape is compiled
+    padded = jnp.asarray(np.concatenate([x, np.repeat(x[:1], rows - n, 0)]))
+    return np.asarray(features.payload(padded) if isinstance(body, str) else features.agent(padded))[:n]

@@ -25,7 +25,7 @@ from colift.models import aerial_manipulator, grasp
 from colift.models.parameters import AerialManipulator, Team
 from colift.onboard.learning import confidence_bounds, residual_model, semiparametric
 
-BATCH_STATES = 128
+BATCH_STATES = 32
 """Number of states of one evaluation, so that one shape has to be compiled."""
 
 
