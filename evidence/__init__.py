@@ -216,7 +216,7 @@ def _computed(name: str, items: list[str], compute: Callable[[str], Any]) -> Ite
         left = f", about {spent / done * (len(items) - done) / 60:.0f} min left" if done else ""
         print(f"{name}: {item} ({done} of {len(items)}{left})", flush=True)
 
-    if processes == 1:
+    if processes == 1 or len(items) < 2:
         for done, item in enumerate(items):
             report(item, done)
             yield item, compute(item)

@@ -106,11 +106,14 @@ def compare_settings() -> dict[str, Any]:
     return found
 
 
+def compare_item(item: str) -> dict[str, Any]:
+    """Return the comparison of a case, or that of all solver settings."""
+    return compare_settings() if item == "settings" else compare_case(item)
+
+
 def main() -> bool:
     """C1 must be within the targets, and the order of the cases must hold in MuJoCo."""
-    found = collect(
-        "engines", (*CASES, "settings"), lambda item: compare_settings() if item == "settings" else compare_case(item)
-    )
+    found = collect("engines", (*CASES, "settings"), compare_item)
     for name, row in found["settings"].items():
         print(f"{name:42}", "  ".join(f"{what} {value:.3g}" for what, value in row.items()))
     for name in CASES:

@@ -18,9 +18,9 @@ SEEDS = range(11)  # 0 is the default
 CASES = tuple(experiment.ALL_CASES)
 
 
-def simulate_item(seed: int) -> dict[str, Any]:
+def simulate_item(item: str) -> dict[str, Any]:
     """Return the metrics of all cases for one seed."""
-    settings = scenario.load_scenario("paper").model_copy(update={"seed": seed})
+    settings = scenario.load_scenario("paper").model_copy(update={"seed": int(item)})
     out = {}
     for case in CASES:
         case_experiment = experiment.make_experiment(settings, case)
@@ -89,7 +89,7 @@ def missed(requested: dict[str, bool]) -> str:
 
 def main() -> bool:
     """Simulate all seeds; each target must hold for the default seed and nine others, those of `adaptive` for all."""
-    flown = collect("orderings", map(str, SEEDS), lambda item: simulate_item(int(item)))
+    flown = collect("orderings", map(str, SEEDS), simulate_item)
     met = {seed: targets(found) for seed, found in flown.items()}
     print("seed    " + "".join(f"{case:>8}" for case in CASES) + "   e_p [mm], second half")
     for seed, found in flown.items():

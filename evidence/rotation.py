@@ -139,12 +139,19 @@ def compare(damping: float, size: float, count: int, rounds: int) -> dict[str, f
     }
 
 
+CASES = {f"damping {z:.3f}, rho {s} k_R": (z, s) for z in DAMPINGS for s in SIZES}
+
+
+def compare_item(item: str) -> dict[str, float]:
+    """Return the comparison of a damping ratio and a disturbance magnitude."""
+    return compare(*CASES[item], STARTS, ROUNDS)
+
+
 def main() -> bool:
     """Every ratio must be at least 1, and at most `TARGET` for magnitudes up to `UP_TO`."""
-    cases = {f"damping {z:.3f}, rho {s} k_R": (z, s) for z in DAMPINGS for s in SIZES}
-    table = collect("rotation", cases, lambda item: compare(*cases[item], STARTS, ROUNDS))
+    table = collect("rotation", CASES, compare_item)
     held = True
-    for name, (_, size) in cases.items():
+    for name, (_, size) in CASES.items():
         row = table[name]
         print(f"{name:32}", "  ".join(f"{what} {ratio:.4f}" for what, ratio in row.items()))
         held &= all(ratio >= 1 for ratio in row.values())

@@ -68,15 +68,22 @@ def compare(damping: str, mixing: str) -> dict[str, float]:
     }
 
 
+CASES = {f"{damping}, {mixing}": (damping, mixing) for damping in DAMPINGS for mixing in MIXINGS}
+
+
+def compare_item(item: str) -> dict[str, float]:
+    """Return the comparison of a damping and a mixing of the axes."""
+    return compare(*CASES[item])
+
+
 def main() -> bool:
     """Every bound must be at most TARGET times the attained error, and textbook constants must be larger."""
-    cases = {f"{damping}, {mixing}": (damping, mixing) for damping in DAMPINGS for mixing in MIXINGS}
-    table = collect("translation", cases, lambda item: compare(*cases[item]))
-    for name in cases:
+    table = collect("translation", CASES, compare_item)
+    for name in CASES:
         print(f"{name:22}", "  ".join(f"{what} {ratio:.4f}" for what, ratio in table[name].items()))
     return all(
         1 <= table[name]["bound_over_attained"] <= TARGET and table[name]["textbook_over_bound_min"] > 1
-        for name in cases
+        for name in CASES
     )
 
 
