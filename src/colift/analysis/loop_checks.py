@@ -18,8 +18,6 @@ from colift.closed_loop import flight
 from colift.models.state import State
 from colift.scenario import Scenario, experiment, initial_states, team
 
-MIN_DECAY_RATE = 0.3
-"""Decay rate of the slowest mode below which the loop is weak [1/s]."""
 MAX_TIME_SHARE = 1 / 3
 """Largest time constant of the slowest mode, relative to the duration of the run."""
 MIN_DAMPING = 0.1
@@ -100,8 +98,8 @@ def mode_weaknesses(modes: stability.Modes, duration: float) -> tuple[str, ...]:
     reasons, rate = [], -modes.slowest_eigenvalue[0]
     if rate * duration * MAX_TIME_SHARE < 1:
         reasons.append(f"its time constant of {1 / rate:.3g} s exceeds a third of the run of {duration:g} s")
-    elif rate < MIN_DECAY_RATE:
-        reasons.append(f"it decays by less than {MIN_DECAY_RATE:g} 1/s")
+    elif rate < remedies.MIN_DECAY_RATE:
+        reasons.append(f"it decays by less than {remedies.MIN_DECAY_RATE:g} 1/s")
     k = least_damped_payload_mode(modes)
     if k is not None and (damping := damping_ratios(modes)[k]) < MIN_DAMPING:
         value = modes.eigenvalues[k]
@@ -126,7 +124,7 @@ def check_mode(settings: Scenario, loop: LoopAnalysis, progress: Callable[[str],
     level = Level.failed if not modes.stable else Level.weak if weaknesses else Level.passed
     if search and level is not Level.passed:
         slow = not modes.stable or -modes.slowest_eigenvalue[0] < max(
-            MIN_DECAY_RATE, 1 / (MAX_TIME_SHARE * settings.duration_s)
+            remedies.MIN_DECAY_RATE, 1 / (MAX_TIME_SHARE * settings.duration_s)
         )
         k = 0 if slow else least_damped_payload_mode(modes)
         advice = remedies.stabilizing_changes(settings, loop.x, loop.M, progress, *((k,) if k else ()))

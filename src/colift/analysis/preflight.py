@@ -34,6 +34,7 @@ from colift.scenario import (
     ScenarioError,
     controllers,
     experiment,
+    gain_limits,
     initial_states,
     structure,
     team,
@@ -50,6 +51,7 @@ def run_preflight(
     settings: Scenario,
     progress: Callable[[str], None] = lambda _what: None,
     thrust_margin: float = termination.HOVER_THRUST_MARGIN,
+    search: bool = True,
 ) -> PreflightReport:
     r"""Build a scenario, linearize its sampled loop at equilibrium, and check both.
 
@@ -59,6 +61,7 @@ def run_preflight(
         settings: Scenario.
         progress: Function called with a description of the progress.
         thrust_margin: Share of an agent's largest thrust that must remain in hover and on the reference.
+        search: Whether to search for advice that requires further linearizations.
 
     Returns:
         The findings.
@@ -79,7 +82,7 @@ def run_preflight(
     try:
         progress("team")
         c1 = experiment.make_experiment(settings, "C1")
-        return check_experiment(settings, c1, "C1", progress, thrust_margin)[0]
+        return check_experiment(settings, c1, "C1", progress, thrust_margin, search)[0]
     except ScenarioError as error:
         advice = remedies.advice_for_rejection(settings, str(error), progress)
         return PreflightReport(settings.name, (mass, contacts, failure("build", str(error), {}, *advice)))
@@ -299,7 +302,7 @@ def _slower(settings: Scenario) -> str:
 
 
 def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: State) -> Iterator[Finding]:
-    """Report the bound axes of the agents, and check the yaw gains; no finding without weight."""
+    """Report the bound axes of the agents, and check the gains that they limit; no finding without weight."""
     world, names = case_experiment.world, team.agent_names(settings)
     if not np.any(settings.gravity_mps2):
         return
@@ -311,6 +314,8 @@ def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: S
     yield from bound_axis_checks.check_bound_axes(settings, axes, torques)
     zero = bound_axes.yaw_zero(world.team, state, thrust)
     yield from bound_axis_checks.check_yaw_gains(settings, world.team, state, axes, zero)
+    limits = gain_limits.translation_limits(settings, world.team)
+    yield from bound_axis_checks.check_translation_gains(settings, limits)
 
 
 def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:

@@ -21,10 +21,20 @@ from colift.analysis import headings, joint_limits, stability
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import State
-from colift.scenario import Scenario, ScenarioError, controllers, experiment, initial_states, team
+from colift.scenario import (
+    Scenario,
+    ScenarioError,
+    controllers,
+    experiment,
+    gain_limits,
+    initial_states,
+    team,
+)
 
 MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, one tenth of the limit of `grasp.check_controllability`
 SEARCH_TIME = 15.0  # s of processor time, for one search
+MIN_DECAY_RATE = 0.3
+"""Decay rate of the slowest mode below which the loop is weak [1/s]."""
 MAX_CANDIDATES = 2  # changes that are evaluated in full, of those that are best to first order
 MIN_IMPROVEMENT = 0.2  # of the growth rate of a loop with scaled or delayed commands, relative to the present one
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # gains of the agents last
@@ -202,10 +212,12 @@ def advice_for_rejection(settings: Scenario, message: str, progress: Callable[[s
 def stabilizing_changes(
     settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progress: Callable[[str], None], mode: int = 0
 ) -> tuple[str, ...]:
-    """Find the single changes that increase the decay rate of a mode most.
+    """Find the changes that increase the decay rate of a mode most.
 
-    Gains and headings of planar arms are tried first; if none helps, nominal joint positions and contact heights. Gains
-    are ranked by the mode itself; all changes are compared by the slowest mode.
+    The gains that bound tips permit are tried first (`translation_change`). If the slowest mode decays fast enough with
+    them, they are the only advice. Otherwise single gains and headings of planar arms are tried; if none helps, nominal
+    joint positions and contact heights. Gains are ranked by the mode itself; all changes are compared by the slowest
+    mode.
 
     Args:
         settings: Scenario.
@@ -220,6 +232,17 @@ def stabilizing_changes(
     present = float(np.log(np.abs(np.linalg.eigvals(M)).max()) * settings.control_Hz)
     truth, _ = team.team(settings)
     turned = headings.heading_changes(settings, truth, initial_states.equilibrium_state(settings, truth))
+    permitted = [
+        change
+        for change in [translation_change(settings, gain_limits.translation_limits(settings, truth))]
+        if change[0]
+    ]
+    for option, changed in permitted:
+        progress(f"linearization with {option}")
+        with contextlib.suppress(ValueError):  # no equilibrium
+            rate = modes_at_equilibrium(changed).slowest_eigenvalue[0]
+            if rate < min(-MIN_DECAY_RATE, present - 0.02 * abs(present)):
+                return (f"{option} yields {rate:+.3g} rad/s",)
 
     def predict(changed: Scenario) -> float:
         flight_experiment = experiment.make_experiment(changed, "C1")
@@ -328,6 +351,29 @@ def gain_changes(settings: Scenario, names: Sequence[str] = GAINS) -> Iterator[C
         for factor in (0.7, 1.4):
             new = [float(f"{x:.3g}") for x in np.atleast_1d(factor * present)]
             yield control_change(settings, name, new if present.shape else new[0])
+
+
+def translation_change(settings: Scenario, limits: gain_limits.TranslationLimits) -> Change:
+    """Return the change to the gains that bound tips permit (`gain_limits.TranslationLimits.advise`).
+
+    Args:
+        settings: Scenario.
+        limits: Limits of the team.
+
+    Returns:
+        The change of `K_p`, `K_v` and `agent_k_R`; gains that are low enough are kept.
+    """
+    advised, present, changed, options = limits.advise(settings.control), settings.control, settings, []
+    for name in ("K_p", "K_v"):
+        *horizontal, vertical = np.broadcast_to(getattr(present, name), 3).tolist()
+        new = [min(x, getattr(advised, name)) for x in horizontal]
+        if new != horizontal:
+            option, changed = control_change(changed, name, [*new, vertical])
+            options.append(option)
+    if advised.agent_k_R < present.agent_k_R:
+        option, changed = control_change(changed, "agent_k_R", advised.agent_k_R)
+        options.append(option)
+    return " ".join(options), changed
 
 
 def posture_bandwidth_changes(settings: Scenario, rate: float) -> Iterator[Change]:
