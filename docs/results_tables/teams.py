@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from evidence import realization
+from evidence import payloads, realization, verdicts
 from results_tables import CASES, items, limits, markdown, number, table
+from tests.support import user_teams
 
 KINDS = {
     "default_gains": "default gains",
@@ -50,6 +51,33 @@ def random_teams() -> str:
                 )
             )
     return markdown(("random teams", "value", "limit", "met"), rows)
+
+
+@table("payloads")
+def user_payloads() -> str:
+    """Three vehicles with nine payloads: verdict, options that were typed, and C1."""
+    found = items("payloads")
+    rows = [(each.what, each.measured, each.limit, each.met) for each in payloads.targets(found)]
+    for vehicle in user_teams.VEHICLES:
+        chosen = [one for name, one in found.items() if name.split()[0] == vehicle]
+        complete = [one for one in chosen if not one["C1"]["termination_reason"]]
+        as_written = sum(not one["typed"] for one in complete)
+        value = f"{len(complete)} of {len(chosen)}, {as_written} of them as written"
+        rows.append((f"vehicle `{vehicle}`: complete flights of C1", value, None, None))
+    return markdown(("payloads", "value", "limit", "met"), rows)
+
+
+@table("verdicts")
+def drawn_teams() -> str:
+    """Newly drawn teams: targets, and flights by the verdict of the preflight check."""
+    found = items("verdicts")
+    rows = [(each.what, each.measured, each.limit, each.met) for each in verdicts.targets(found)]
+    for verdict in ("sound", "weak", "unsound"):
+        chosen = [one for one in found.values() if one["verdict"] == verdict]
+        good = sum(map(verdicts.as_predicted, chosen))
+        what = f"verdict {verdict}: C1 and C3 complete, with a smaller error in C3"
+        rows.append((what, f"{good} of {len(chosen)}", None, None))
+    return markdown(("drawn teams", "value", "limit", "met"), rows)
 
 
 @table("tuned")

@@ -1,7 +1,8 @@
-"""Checks of the bound axes of a scenario: attitude stiffness, tilt by a torque, and the yaw gains of the payload.
+"""Checks of the bound axes of a scenario: attitude stiffness, tilt by a torque, and the gains of the payload.
 
 See Also:
     colift.analysis.bound_axes: definitions.
+    colift.scenario.gain_limits: limits of the gains of translation.
 """
 
 from __future__ import annotations
@@ -11,12 +12,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from colift.analysis import bound_axes, headings
+from colift.analysis import bound_axes, headings, remedies
 from colift.analysis.bound_axes import BoundAxis
 from colift.analysis.findings import Finding, Level
 from colift.models.parameters import Team
 from colift.models.state import State
-from colift.scenario import Scenario, controllers, team
+from colift.scenario import Scenario, controllers, gain_limits, team
 
 REFERENCE_TORQUE = 0.01
 """Torque whose tilt is reported if the disturbances apply none to the agents [N m]."""
@@ -24,6 +25,8 @@ MIN_STIFFNESS_SHARE = 0.5
 """Smallest share of the attitude stiffness that must remain; used with the commanded contact force only."""
 YAW_GAIN_LEVEL = Level.weak
 """Level of yaw gains above the limit; whether yaw is unstable then follows from the slowest mode."""
+TRANSLATION_GAIN_LEVEL = Level.weak
+"""Level of horizontal gains above the limit; whether the payload is unstable then follows from the slowest mode."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,6 +144,32 @@ def yaw_advice(
         limiting = min(_by_type(settings, axes), key=lambda found: found.axis.bandwidth)
         advice.append(_joint_advice(limiting))
     return tuple(advice)
+
+
+def check_translation_gains(settings: Scenario, limits: gain_limits.TranslationLimits) -> Iterator[Finding]:
+    """Check the horizontal gains of the payload and the attitude gain of the agents against the limits of bound tips.
+
+    Args:
+        settings: Scenario.
+        limits: Limits of the team.
+
+    Yields:
+        One finding, or none if bound tips do not limit translation.
+    """
+    if not np.isfinite(limits.zero):
+        return
+    present = gain_limits.present_gains(settings.control)
+    most = limits.gains(gain_limits.LIMITS, settings.control.agent_k_omega)
+    good = not limits.exceeded(settings.control)
+    message = (
+        f"translation acts through bound tips with a zero at {limits.zero:.3g} rad/s: control.K_v = {present.K_v:.3g} "
+        f"1/s across the vertical (limit {most.K_v:.3g}), control.agent_k_R = {present.agent_k_R:.3g} 1/s^2 (limit "
+        f"{most.agent_k_R:.3g})"
+    )
+    values = {"zero_radps": limits.zero, "inertia_ratio": limits.inertia_ratio, "K_v_1ps": present.K_v}
+    values |= {"max_K_v_1ps": most.K_v, "agent_k_R_1ps2": present.agent_k_R, "max_agent_k_R_1ps2": most.agent_k_R}
+    advice = () if good else (remedies.translation_change(settings, limits)[0],)
+    yield Finding("translation gain", message, values, advice, Level.passed if good else TRANSLATION_GAIN_LEVEL)
 
 
 def _joint_advice(found: _TypeAxis) -> str:

@@ -11,6 +11,9 @@ import dataclasses
 import enum
 from typing import Any
 
+SUBJECT_WIDTH = 16
+"""Characters of the longest subject in a report."""
+
 
 class Level(enum.StrEnum):
     """Result of one check."""
@@ -37,6 +40,11 @@ class Finding:
     values: dict[str, Any]  # the values by name, with units in the names
     advice: tuple[str, ...] = ()  # proposed changes; empty if the check passed
     level: Level = Level.passed
+
+    def format_lines(self) -> list[str]:
+        """Format the finding for the terminal: one line, with advice below."""
+        advice = (f"{'':{SUBJECT_WIDTH}}  advice: {text}" for text in self.advice)
+        return [f"{self.subject:{SUBJECT_WIDTH}}  {self.message}", *advice]
 
 
 def failure(subject: str, message: str, values: dict[str, Any], *advice: str) -> Finding:
@@ -95,8 +103,4 @@ class PreflightReport:
 
     def format_report(self) -> list[str]:
         """Format the findings for the terminal: one line each, advice below, the verdict last."""
-        lines, width = [], max(len(finding.subject) for finding in self.findings)
-        for finding in self.findings:
-            lines.append(f"{finding.subject:{width}}  {finding.message}")
-            lines += [f"{'':{width}}  advice: {advice}" for advice in finding.advice]
-        return [*lines, self.format_verdict()]
+        return [*(line for finding in self.findings for line in finding.format_lines()), self.format_verdict()]

@@ -18,8 +18,6 @@ from colift.closed_loop import flight
 from colift.models.state import State
 from colift.scenario import Scenario, experiment, initial_states, team
 
-MIN_DECAY_RATE = 0.3
-"""Decay rate of the slowest mode below which the loop is weak [1/s]."""
 MAX_TIME_SHARE = 1 / 3
 """Largest time constant of the slowest mode, relative to the duration of the run."""
 MIN_DAMPING = 0.1
@@ -100,8 +98,8 @@ def mode_weaknesses(modes: stability.Modes, duration: float) -> tuple[str, ...]:
     reasons, rate = [], -modes.slowest_eigenvalue[0]
     if rate * duration * MAX_TIME_SHARE < 1:
         reasons.append(f"its time constant of {1 / rate:.3g} s exceeds a third of the run of {duration:g} s")
-    elif rate < MIN_DECAY_RATE:
-        reasons.append(f"it decays by less than {MIN_DECAY_RATE:g} 1/s")
+    elif rate < remedies.MIN_DECAY_RATE:
+        reasons.append(f"it decays by less than {remedies.MIN_DECAY_RATE:g} 1/s")
     k = least_damped_payload_mode(modes)
     if k is not None and (damping := damping_ratios(modes)[k]) < MIN_DAMPING:
         value = modes.eigenvalues[k]
@@ -109,14 +107,16 @@ def mode_weaknesses(modes: stability.Modes, duration: float) -> tuple[str, ...]:
     return tuple(reasons)
 
 
-def check_mode(settings: Scenario, loop: LoopAnalysis, progress: Callable[[str], None], search: bool = True) -> Finding:
+def check_mode(
+    settings: Scenario, loop: LoopAnalysis, progress: Callable[[str], None], search: remedies.SearchBudget | None
+) -> Finding:
     """Check the slowest mode, and the damping of the payload modes.
 
     Args:
         settings: Scenario.
         loop: Its loop.
         progress: Function called with a description of the progress.
-        search: Whether to search for advice.
+        search: Processor time for the search for advice; None for no search.
 
     Returns:
         The finding: failed if the mode is unstable, weak by `mode_weaknesses`.
@@ -126,10 +126,10 @@ def check_mode(settings: Scenario, loop: LoopAnalysis, progress: Callable[[str],
     level = Level.failed if not modes.stable else Level.weak if weaknesses else Level.passed
     if search and level is not Level.passed:
         slow = not modes.stable or -modes.slowest_eigenvalue[0] < max(
-            MIN_DECAY_RATE, 1 / (MAX_TIME_SHARE * settings.duration_s)
+            remedies.MIN_DECAY_RATE, 1 / (MAX_TIME_SHARE * settings.duration_s)
         )
         k = 0 if slow else least_damped_payload_mode(modes)
-        advice = remedies.stabilizing_changes(settings, loop.x, loop.M, progress, *((k,) if k else ()))
+        advice = remedies.stabilizing_changes(settings, loop.x, loop.M, progress, search, *((k,) if k else ()))
     values = {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)}
     if (k := least_damped_payload_mode(modes)) is not None:
         values["smallest_payload_damping"] = float(damping_ratios(modes)[k])
@@ -193,7 +193,7 @@ def is_redundant(settings: Scenario) -> bool:
 
 
 def check_posture(
-    settings: Scenario, modes: stability.Modes, progress: Callable[[str], None], search: bool = True
+    settings: Scenario, modes: stability.Modes, progress: Callable[[str], None], search: remedies.SearchBudget | None
 ) -> Iterator[Finding]:
     """Check the convergence rate of the redundant joints; it is weak below half of the required rate.
 
@@ -201,7 +201,7 @@ def check_posture(
         settings: Scenario.
         modes: Modes of its loop.
         progress: Function called with a description of the progress.
-        search: Whether to search for advice.
+        search: Processor time for the search for advice; None for no search.
 
     Yields:
         At most one finding.
@@ -215,7 +215,7 @@ def check_posture(
         "posture",
         f"redundant joints converge at {rate:.3g} 1/s, slowest {joint}; control.posture_bandwidth = {required:g}",
         {"convergence_rate_1ps": rate, "posture_bandwidth_1ps": required},
-        remedies.posture_changes(settings, rate, joint, progress) if slow and search else (),
+        remedies.posture_changes(settings, rate, joint, progress, search) if slow and search else (),
         Level.weak if slow else Level.passed,
     )
 
@@ -258,7 +258,7 @@ def mode_participation(settings: Scenario, modes: stability.Modes, max_entries: 
 
 
 def check_margins(
-    settings: Scenario, loop: LoopAnalysis, progress: Callable[[str], None], search: bool = True
+    settings: Scenario, loop: LoopAnalysis, progress: Callable[[str], None], search: remedies.SearchBudget | None
 ) -> Iterator[Finding]:
     """Check delay and gain margin of a stable loop.
 
@@ -266,7 +266,7 @@ def check_margins(
         settings: Scenario.
         loop: Its loop.
         progress: Function called with a description of the progress.
-        search: Whether to search for advice.
+        search: Processor time for the search for advice; None for no search.
 
     Yields:
         The finding of the delay margin, and that of the gain margin if it is known.
@@ -283,11 +283,11 @@ def check_margins(
     for gain, weak in zip(WEAK_GAIN_MARGIN, outside, strict=True):
         if weak:
             limits[f"{gain:g} times the commands"] = stability.vary_loop(loop.x, loop.M, loop.dt, gain)
-    found = remedies.margin_changes(settings, loop.x, limits) if search and limits else {}
+    found = remedies.margin_changes(settings, loop.x, limits, search) if search and limits else {}
     advice, level = tuple(text for name, text in found.items() if "delay" in name), Level.passed
     if delay < MIN_DELAY_MARGIN:
         level = Level.failed
-        advice = remedies.delay_margin_changes(settings, delay, progress) if search else ()
+        advice = remedies.delay_margin_changes(settings, delay, progress, search) if search else ()
     elif delay < WEAK_DELAY_MARGIN:
         level = Level.weak
     at_least = " or more" if delay > stability.MAX_DELAY - 1 / settings.control_Hz else ""

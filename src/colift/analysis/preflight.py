@@ -8,8 +8,9 @@ See Also:
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -34,6 +35,7 @@ from colift.scenario import (
     ScenarioError,
     controllers,
     experiment,
+    gain_limits,
     initial_states,
     structure,
     team,
@@ -50,6 +52,8 @@ def run_preflight(
     settings: Scenario,
     progress: Callable[[str], None] = lambda _what: None,
     thrust_margin: float = termination.HOVER_THRUST_MARGIN,
+    search: bool = True,
+    report: Callable[[Finding], None] = lambda _finding: None,
 ) -> PreflightReport:
     r"""Build a scenario, linearize its sampled loop at equilibrium, and check both.
 
@@ -59,6 +63,8 @@ def run_preflight(
         settings: Scenario.
         progress: Function called with a description of the progress.
         thrust_margin: Share of an agent's largest thrust that must remain in hover and on the reference.
+        search: Whether to search for advice that requires further linearizations.
+        report: Function called with each finding as soon as it is known.
 
     Returns:
         The findings.
@@ -70,19 +76,22 @@ def run_preflight(
             print("\n".join(report.format_report()))
     """
     truth, nominal = team.team(settings)
-    mass = _mass(settings, truth, nominal)
+    found, budget = _Findings(report), remedies.SearchBudget()
+    found.add([_mass(settings, truth, nominal)])
     if errors := structure.structural_errors(settings, truth):
         message = "; ".join(error.message for error in errors)
-        refused = failure("build", message, {}, *(error.advice for error in errors))
-        return PreflightReport(settings.name, (mass, refused))
-    contacts = _contacts(settings, truth)
+        found.add([failure("build", message, {}, *(error.advice for error in errors))])
+        return PreflightReport(settings.name, tuple(found.items))
+    found.add([_contacts(settings, truth)])
     try:
         progress("team")
         c1 = experiment.make_experiment(settings, "C1")
-        return check_experiment(settings, c1, "C1", progress, thrust_margin)[0]
+        _check_built(found, settings, c1, "C1", progress, thrust_margin, budget if search else None)
     except ScenarioError as error:
-        advice = remedies.advice_for_rejection(settings, str(error), progress)
-        return PreflightReport(settings.name, (mass, contacts, failure("build", str(error), {}, *advice)))
+        advice = remedies.advice_for_rejection(settings, str(error), progress, budget)
+        found.items = found.items[:2]  # mass and contacts
+        found.add([failure("build", str(error), {}, *advice)])
+    return PreflightReport(settings.name, tuple(found.items))
 
 
 def check_experiment(
@@ -107,53 +116,82 @@ def check_experiment(
         The findings, and the linearized loop; None if it has no equilibrium or is not evaluated.
     """
     truth, nominal = team.team(settings)
-    z = initial_states.equilibrium_state(settings, truth)
-    findings = [
-        _mass(settings, truth, nominal),
-        _contacts(settings, truth),
-        _thrust(settings, case_experiment, z, thrust_margin),
-        *_reference(settings, truth),
-        *_joints(settings, truth, z),
-        *_limits(settings, z),
-        *_labels(settings, nominal),
-        *_learnable(settings, case_experiment, z),
-        *_bound_axes(settings, case_experiment, z),
-    ]
-    loop_findings, loop = _check_loop(settings, case_experiment, case, z, progress, search)
-    return PreflightReport(settings.name, (*findings, *loop_findings)), loop
+    found = _Findings(lambda _finding: None)
+    found.add([_mass(settings, truth, nominal), _contacts(settings, truth)])
+    budget = remedies.SearchBudget() if search else None
+    loop = _check_built(found, settings, case_experiment, case, progress, thrust_margin, budget)
+    return PreflightReport(settings.name, tuple(found.items)), loop
 
 
-def _check_loop(
+@dataclasses.dataclass
+class _Findings:
+    """Findings in the order of their computation, each of which is reported once."""
+
+    report: Callable[[Finding], None]
+    items: list[Finding] = dataclasses.field(default_factory=list)
+
+    def add(self, findings: Iterable[Finding]) -> None:
+        """Append findings as they are computed."""
+        for finding in findings:
+            self.items.append(finding)
+            self.report(finding)
+
+
+def _check_built(
+    found: _Findings,
     settings: Scenario,
     case_experiment: flight.Experiment,
     case: str,
-    state: State,
     progress: Callable[[str], None],
-    search: bool,
-) -> tuple[list[Finding], loop_checks.LoopAnalysis | None]:
-    """Linearize the loop at equilibrium and check it."""
+    thrust_margin: float,
+    search: remedies.SearchBudget | None,
+) -> loop_checks.LoopAnalysis | None:
+    """Append the findings on a team that can be built, and on its loop; see `check_experiment`."""
+    truth, nominal = team.team(settings)
+    z = initial_states.equilibrium_state(settings, truth)
+    found.add([_thrust(settings, case_experiment, z, thrust_margin)])
+    for findings in (
+        _reference(settings, truth),
+        _joints(settings, truth, z),
+        _limits(settings, z),
+        _labels(settings, nominal),
+        _learnable(settings, case_experiment, z),
+        _bound_axes(settings, case_experiment, z),
+    ):
+        found.add(findings)
     largest = max(len(settings.agent_types[agent.type].joints) for agent in settings.agents)
     if largest > MAX_LINEARIZED_JOINTS:
         message = f"not evaluated: the linearization for an agent with {largest} joints takes minutes"
         advice = f"use agents with at most {MAX_LINEARIZED_JOINTS} joints, or simulate the team with `colift study`"
-        return [Finding("slowest mode", message, {"stable": None}, (advice,), Level.weak)], None
+        found.add([Finding("slowest mode", message, {"stable": None}, (advice,), Level.weak)])
+        return None
     progress("linearization at equilibrium")
     try:
-        loop = loop_checks.analyze_loop(case_experiment, state)
+        loop = loop_checks.analyze_loop(case_experiment, z)
     except ValueError as error:
         advice = "reduce control.K_p and control.agent_k_R by half and repeat the check"
-        return [failure("equilibrium", str(error), {}, advice)], None
-    findings = [
-        loop_checks.check_mode(settings, loop, progress, search),
-        *loop_checks.check_learned_mode(settings, case, progress),
-    ]
+        found.add([failure("equilibrium", str(error), {}, advice)])
+        return None
+    found.add(_loop_findings(settings, case_experiment, case, z, loop, progress, search))
+    return loop
+
+
+def _loop_findings(
+    settings: Scenario,
+    case_experiment: flight.Experiment,
+    case: str,
+    state: State,
+    loop: loop_checks.LoopAnalysis,
+    progress: Callable[[str], None],
+    search: remedies.SearchBudget | None,
+) -> Iterator[Finding]:
+    """Check the linearized loop."""
+    yield loop_checks.check_mode(settings, loop, progress, search)
+    yield from loop_checks.check_learned_mode(settings, case, progress)
     if loop.modes.stable:
-        findings += [
-            *loop_checks.check_posture(settings, loop.modes, progress, search),
-            *loop_checks.check_margins(settings, loop, progress, search),
-            loop_checks.check_disturbances(settings, case_experiment, state, loop),
-        ]
-    return findings, loop
+        yield from loop_checks.check_posture(settings, loop.modes, progress, search)
+        yield from loop_checks.check_margins(settings, loop, progress, search)
+        yield loop_checks.check_disturbances(settings, case_experiment, state, loop)
 
 
 def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
@@ -299,7 +337,7 @@ def _slower(settings: Scenario) -> str:
 
 
 def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: State) -> Iterator[Finding]:
-    """Report the bound axes of the agents, and check the yaw gains; no finding without weight."""
+    """Report the bound axes of the agents, and check the gains that they limit; no finding without weight."""
     world, names = case_experiment.world, team.agent_names(settings)
     if not np.any(settings.gravity_mps2):
         return
@@ -311,6 +349,8 @@ def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: S
     yield from bound_axis_checks.check_bound_axes(settings, axes, torques)
     zero = bound_axes.yaw_zero(world.team, state, thrust)
     yield from bound_axis_checks.check_yaw_gains(settings, world.team, state, axes, zero)
+    limits = gain_limits.translation_limits(settings, world.team)
+    yield from bound_axis_checks.check_translation_gains(settings, limits)
 
 
 def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:

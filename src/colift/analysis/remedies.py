@@ -1,7 +1,7 @@
 """Changes of a scenario that remedy the findings of the preflight check.
 
 Each function proposes changes, evaluates them with the linearized closed loop of case C1, and returns those that
-improve the finding, as sentences with the option to type. A search ends after `SEARCH_TIME`.
+improve the finding, as sentences with the option to type. All searches of a check share a `SearchBudget`.
 
 See Also:
     colift.analysis.preflight: the findings.
@@ -21,10 +21,20 @@ from colift.analysis import headings, joint_limits, stability
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import State
-from colift.scenario import Scenario, ScenarioError, controllers, experiment, initial_states, team
+from colift.scenario import (
+    Scenario,
+    ScenarioError,
+    controllers,
+    experiment,
+    gain_limits,
+    initial_states,
+    team,
+)
 
 MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, one tenth of the limit of `grasp.check_controllability`
-SEARCH_TIME = 15.0  # s of processor time, for one search
+SEARCH_TIME = 20.0  # s of processor time from the start of a check, after which no candidate is evaluated
+MIN_DECAY_RATE = 0.3
+"""Decay rate of the slowest mode below which the loop is weak [1/s]."""
 MAX_CANDIDATES = 2  # changes that are evaluated in full, of those that are best to first order
 MIN_IMPROVEMENT = 0.2  # of the growth rate of a loop with scaled or delayed commands, relative to the present one
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # gains of the agents last
@@ -33,22 +43,34 @@ T = TypeVar("T")
 Change = headings.Change
 
 
-def within_search_time(candidates: Iterable[T]) -> Iterator[T]:
-    """Iterate over the candidates of a search until `SEARCH_TIME` has passed; at least one is returned.
+@dataclasses.dataclass(frozen=True)
+class SearchBudget:
+    """Processor time that all searches of one check share.
 
-    The time of compilation grows with the number of joints, so that a check of a large team would take minutes.
+    The time of compilation grows with the number of joints, so that the searches for a large team would take minutes.
 
-    Args:
-        candidates: Candidates, the most promising first.
-
-    Yields:
-        The candidates.
+    Attributes:
+        limit: Processor time after the start at which a search ends [s].
+        start: Processor time at the start of the check [s].
     """
-    start = time.process_time()
-    for k, candidate in enumerate(candidates):
-        if k and time.process_time() - start > SEARCH_TIME:
-            return
-        yield candidate
+
+    limit: float = SEARCH_TIME
+    start: float = dataclasses.field(default_factory=time.process_time)
+
+    @property
+    def exhausted(self) -> bool:
+        """True if no further candidate is evaluated."""
+        return time.process_time() - self.start > self.limit
+
+    def within(self, candidates: Iterable[T]) -> Iterator[T]:
+        """Iterate over the candidates of a search, the most promising first, until the budget is exhausted."""
+        for candidate in candidates:
+            if self.exhausted:
+                return
+            yield candidate
+
+
+SEARCH_ENDED = f"the search for changes ended after {SEARCH_TIME:g} s: use `colift tune`, which changes gains together"
 
 
 def modes_at_equilibrium(settings: Scenario) -> stability.Modes:
@@ -72,6 +94,7 @@ def margin_changes(
     settings: Scenario,
     x: stability.LoopStateTree,
     loops: Mapping[str, stability.VariedLoop],
+    budget: SearchBudget,
 ) -> dict[str, str]:
     """Find the gain whose change stabilizes a loop with other commands most, to first order.
 
@@ -79,6 +102,7 @@ def margin_changes(
         settings: Scenario.
         x: Equilibrium of its loop.
         loops: Loops with delayed or scaled commands, by description.
+        budget: Processor time of the check.
 
     Returns:
         One sentence per description.
@@ -86,7 +110,7 @@ def margin_changes(
     best = {name: (loop.growth, "") for name, loop in loops.items()}
     c1, (truth, nominal) = experiment.make_experiment(settings, "C1"), team.team(settings)
     z = initial_states.equilibrium_state(settings, truth)
-    for option, changed in gain_changes(settings):
+    for option, changed in budget.within(gain_changes(settings)):
         controller = controllers.make_controller(changed, nominal)
         controller = dataclasses.replace(controller, recorder=c1.controller.recorder)
         changed_experiment = dataclasses.replace(c1, controller=controller)
@@ -99,6 +123,8 @@ def margin_changes(
         name: f"{option} changes the growth rate with {name} from {loops[name].growth:+.3g} to {growth:+.3g} 1/s, to "
         "first order"
         if option
+        else SEARCH_ENDED
+        if budget.exhausted
         else f"no change of a single gain lowers the growth rate with {name}; `colift tune` changes them together"
         for name, (growth, option) in best.items()
     }
@@ -154,7 +180,9 @@ def slowest_joint_mode(modes: stability.Modes) -> tuple[float, int] | None:
     return float(-modes.eigenvalues[k].real), int(np.argmax(modes.joints[k]))
 
 
-def advice_for_rejection(settings: Scenario, message: str, progress: Callable[[str], None]) -> tuple[str, ...]:
+def advice_for_rejection(
+    settings: Scenario, message: str, progress: Callable[[str], None], budget: SearchBudget
+) -> tuple[str, ...]:
     """Propose changes that let a rejected scenario be built.
 
     For straight or folded arms, other distances between the contacts are tried.
@@ -163,13 +191,14 @@ def advice_for_rejection(settings: Scenario, message: str, progress: Callable[[s
         settings: Scenario.
         message: Message of the rejection.
         progress: Function called with a description of the progress.
+        budget: Processor time of the check.
 
     Returns:
         Sentences.
     """
     if "grasp Jacobian" in message:
         feasible = []
-        for option, changed in within_search_time(contact_spacing_changes(settings)):
+        for option, changed in budget.within(contact_spacing_changes(settings)):
             progress(f"team with {option}")
             with contextlib.suppress(ScenarioError):
                 truth = experiment.make_experiment(changed, "C1").world.team
@@ -200,18 +229,26 @@ def advice_for_rejection(settings: Scenario, message: str, progress: Callable[[s
 
 
 def stabilizing_changes(
-    settings: Scenario, x: stability.LoopStateTree, M: np.ndarray, progress: Callable[[str], None], mode: int = 0
+    settings: Scenario,
+    x: stability.LoopStateTree,
+    M: np.ndarray,
+    progress: Callable[[str], None],
+    budget: SearchBudget,
+    mode: int = 0,
 ) -> tuple[str, ...]:
-    """Find the single changes that increase the decay rate of a mode most.
+    """Find the changes that increase the decay rate of a mode most.
 
-    Gains and headings of planar arms are tried first; if none helps, nominal joint positions and contact heights. Gains
-    are ranked by the mode itself; all changes are compared by the slowest mode.
+    The gains that bound tips permit are tried first (`translation_change`). If the slowest mode decays fast enough with
+    them, they are the only advice. Otherwise single gains and headings of planar arms are tried; if none helps, nominal
+    joint positions and contact heights. Gains are ranked by the mode itself; all changes are compared by the slowest
+    mode.
 
     Args:
         settings: Scenario.
         x: Equilibrium of its loop.
         M: Jacobian of one tick at x.
         progress: Function called with a description of the progress.
+        budget: Processor time of the check.
         mode: Index of the mode, 0 for the slowest one.
 
     Returns:
@@ -220,13 +257,24 @@ def stabilizing_changes(
     present = float(np.log(np.abs(np.linalg.eigvals(M)).max()) * settings.control_Hz)
     truth, _ = team.team(settings)
     turned = headings.heading_changes(settings, truth, initial_states.equilibrium_state(settings, truth))
+    permitted = [
+        change
+        for change in [translation_change(settings, gain_limits.translation_limits(settings, truth))]
+        if change[0]
+    ]
+    for option, changed in budget.within(permitted):
+        progress(f"linearization with {option}")
+        with contextlib.suppress(ValueError):  # no equilibrium
+            rate = modes_at_equilibrium(changed).slowest_eigenvalue[0]
+            if rate < min(-MIN_DECAY_RATE, present - 0.02 * abs(present)):
+                return (f"{option} yields {rate:+.3g} rad/s",)
 
     def predict(changed: Scenario) -> float:
         flight_experiment = experiment.make_experiment(changed, "C1")
         z = initial_states.equilibrium_state(changed, flight_experiment.world.team)
         return stability.predict_growth_rate(flight_experiment, z, x, M, mode)
 
-    predictions = [(predict(changed), option, changed) for option, changed in gain_changes(settings)]
+    predictions = [(predict(changed), option, changed) for option, changed in budget.within(gain_changes(settings))]
     gains = sorted(
         (candidate for candidate in predictions if np.isfinite(candidate[0])), key=lambda candidate: candidate[0]
     )[:MAX_CANDIDATES]
@@ -235,7 +283,7 @@ def stabilizing_changes(
         [*nominal_position_changes(settings), *contact_height_changes(settings)],
     ):
         evaluated = []
-        for option, changed in within_search_time(candidates):
+        for option, changed in budget.within(candidates):
             progress(f"linearization with {option}")
             with contextlib.suppress(ValueError):  # the team cannot be built, or has no equilibrium
                 evaluated.append((modes_at_equilibrium(changed).slowest_eigenvalue[0], option))
@@ -244,10 +292,14 @@ def stabilizing_changes(
         ]
         if better:
             return tuple(f"{option} yields {rate:+.3g} rad/s" for rate, option in better)
+    if budget.exhausted:
+        return (SEARCH_ENDED,)
     return ("none of the tried gains, headings, joint positions and contact heights helps: start from `colift init`",)
 
 
-def posture_changes(settings: Scenario, current: float, joint: str, progress: Callable[[str], None]) -> tuple[str, ...]:
+def posture_changes(
+    settings: Scenario, current: float, joint: str, progress: Callable[[str], None], budget: SearchBudget
+) -> tuple[str, ...]:
     """Find changes with which the redundant joints converge faster.
 
     Changes that yield at least half of the required rate come first. Otherwise those are returned that yield a higher
@@ -259,13 +311,14 @@ def posture_changes(settings: Scenario, current: float, joint: str, progress: Ca
         current: Present decay rate [1/s].
         joint: Name `agent/joint` of the slowest joint.
         progress: Function called with a description of the progress.
+        budget: Processor time of the check.
 
     Returns:
         Sentences with option and resulting rate.
     """
     sufficient, faster = [], []
     gains, positions = gain_changes(settings, GAINS[-2:]), nominal_position_changes(settings, joint.rpartition("/")[2])
-    for option, changed in within_search_time([*posture_bandwidth_changes(settings, current), *gains, *positions]):
+    for option, changed in budget.within([*posture_bandwidth_changes(settings, current), *gains, *positions]):
         progress(f"linearization with {option}")
         required = changed.control.posture_bandwidth
         with contextlib.suppress(ValueError):  # the team cannot be built, or has no equilibrium
@@ -275,24 +328,29 @@ def posture_changes(settings: Scenario, current: float, joint: str, progress: Ca
                 (sufficient if rate >= required / 2 else faster).append((rate, option))
     best = sorted(sufficient or faster, reverse=True)[:MAX_CANDIDATES]
     advice = tuple(f"{option} yields {rate:.3g} 1/s" for rate, option in best)
+    if not advice and budget.exhausted:
+        return (SEARCH_ENDED,)
     return advice or (
         f"none of the tried bandwidths, attitude gains and positions of {joint} helps: start from `colift init`",
     )
 
 
-def delay_margin_changes(settings: Scenario, current: float, progress: Callable[[str], None]) -> tuple[str, ...]:
+def delay_margin_changes(
+    settings: Scenario, current: float, progress: Callable[[str], None], budget: SearchBudget
+) -> tuple[str, ...]:
     """Find the gains whose reduction increases the delay margin.
 
     Args:
         settings: Scenario.
         current: Present delay margin [s].
         progress: Function called with a description of the progress.
+        budget: Processor time of the check.
 
     Returns:
         Sentences with option and resulting margin.
     """
     evaluated = []
-    for option, changed in within_search_time(list(gain_changes(settings))[::2]):
+    for option, changed in budget.within(list(gain_changes(settings))[::2]):
         progress(f"linearization with {option}")
         flight_experiment = experiment.make_experiment(changed, "C1")
         with contextlib.suppress(ValueError):
@@ -302,6 +360,8 @@ def delay_margin_changes(settings: Scenario, current: float, progress: Callable[
             evaluated.append((delay_margin(changed, x, M), option))
     better = sorted((candidate for candidate in evaluated if candidate[0] > current), reverse=True)[:MAX_CANDIDATES]
     advice = tuple(f"{option} yields {margin:.3g} s" for margin, option in better)
+    if not advice and budget.exhausted:
+        return (SEARCH_ENDED,)
     return advice or (f"a reduction of single gains does not help: raise control_Hz above {settings.control_Hz:g}",)
 
 
@@ -328,6 +388,29 @@ def gain_changes(settings: Scenario, names: Sequence[str] = GAINS) -> Iterator[C
         for factor in (0.7, 1.4):
             new = [float(f"{x:.3g}") for x in np.atleast_1d(factor * present)]
             yield control_change(settings, name, new if present.shape else new[0])
+
+
+def translation_change(settings: Scenario, limits: gain_limits.TranslationLimits) -> Change:
+    """Return the change to the gains that bound tips permit (`gain_limits.TranslationLimits.advise`).
+
+    Args:
+        settings: Scenario.
+        limits: Limits of the team.
+
+    Returns:
+        The change of `K_p`, `K_v` and `agent_k_R`; gains that are low enough are kept.
+    """
+    advised, present, changed, options = limits.advise(settings.control), settings.control, settings, []
+    for name in ("K_p", "K_v"):
+        *horizontal, vertical = np.broadcast_to(getattr(present, name), 3).tolist()
+        new = [min(x, getattr(advised, name)) for x in horizontal]
+        if new != horizontal:
+            option, changed = control_change(changed, name, [*new, vertical])
+            options.append(option)
+    if advised.agent_k_R < present.agent_k_R:
+        option, changed = control_change(changed, "agent_k_R", advised.agent_k_R)
+        options.append(option)
+    return " ".join(options), changed
 
 
 def posture_bandwidth_changes(settings: Scenario, rate: float) -> Iterator[Change]:

@@ -24,6 +24,8 @@ from rich.console import Console
 from colift.runtime import signals
 
 if TYPE_CHECKING:
+    from rich.status import Status
+
     from colift.runtime.run_directory import RunDirectory
     from colift.scenario import Scenario
 
@@ -123,8 +125,43 @@ def discard_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+class Progress:
+    """Progress line on standard error.
+
+    An instance is called with the name of the stage that begins. It raises `signals.Interrupted` on a request to end.
+    """
+
+    def __init__(self, activity: str, status: Status | None) -> None:
+        self._activity, self._status = activity, status
+
+    def __call__(self, stage: str) -> None:
+        """Show the name of a stage."""
+        signals.raise_if_interrupted()
+        if self._status is None:
+            return
+        if error_console.is_terminal:
+            self._status.update(f"{self._activity}: {stage}")
+        else:
+            print_status(f"{self._activity}: {stage}")
+
+    @contextlib.contextmanager
+    def paused(self) -> Generator[None]:
+        """Remove the line while a block prints to standard output.
+
+        The line is drawn by another thread, and its library redirects standard output meanwhile.
+        """
+        if self._status is None:
+            yield
+            return
+        self._status.stop()
+        try:
+            yield
+        finally:
+            self._status.start()
+
+
 @contextlib.contextmanager
-def show_progress(activity: str, quiet: bool = False) -> Generator[Callable[[str], None]]:
+def show_progress(activity: str, quiet: bool = False) -> Generator[Progress]:
     """Show an activity and its current stage on standard error.
 
     On a terminal, one line is updated. Elsewhere, each stage is printed on a line.
@@ -134,23 +171,15 @@ def show_progress(activity: str, quiet: bool = False) -> Generator[Callable[[str
         quiet: Print nothing.
 
     Yields:
-        Function that takes the name of the stage that begins. It raises `signals.Interrupted` on a request to end.
+        The progress line.
     """
     if quiet:
-        yield lambda _stage: signals.raise_if_interrupted()
+        yield Progress(activity, None)
         return
     with error_console.status(activity, spinner="line") as status:
-
-        def report(stage: str) -> None:
-            signals.raise_if_interrupted()
-            if error_console.is_terminal:
-                status.update(f"{activity}: {stage}")
-            else:
-                print_status(f"{activity}: {stage}")
-
         if not error_console.is_terminal:
             print_status(activity)
-        yield report
+        yield Progress(activity, status)
 
 
 def print_page(message: str, page: Path, open_browser: bool) -> None:

@@ -17,6 +17,7 @@ NAME_WIDTH = 16  # characters of the names in `colift list`
 SUBJECT_WIDTH = 10  # characters before the findings in `colift check`
 
 if TYPE_CHECKING:
+    from colift.analysis.findings import Finding
     from colift.analysis.gain_tuning import EvaluationBudget, LoopDesign
     from colift.scenario import Scenario
 
@@ -165,9 +166,9 @@ def check(
 ) -> None:
     """Check a scenario before it is simulated and suggest corrections.
 
-    Checks mass, contacts, thrust, joints, bound axes, and modes and margins of the linearized closed loop. The last
-    line is the verdict: sound, weak or unsound. Status 0: sound or weak. Status 1: unsound. Status 2: the scenario
-    cannot be read.
+    Checks mass, contacts, thrust, joints, bound axes, and modes and margins of the linearized closed loop. Each finding
+    is printed as soon as it is known. The last line is the verdict: sound, weak or unsound. Status 0: sound or weak.
+    Status 1: unsound. Status 2: the scenario cannot be read.
     """
     from colift import scenario
     from colift.analysis import preflight
@@ -176,14 +177,17 @@ def check(
     try:
         settings = common.load_settings(name, overrides)
         with common.show_progress(f"checking {settings.name}", quiet) as progress:
-            found = preflight.run_preflight(settings, progress)
+
+            def report(finding: Finding) -> None:
+                if not as_json:
+                    with progress.paused(), common.guard_output():
+                        common.print_wrapped(finding.format_lines(), SUBJECT_WIDTH)
+
+            found = preflight.run_preflight(settings, progress, report=report)
     except (scenario.ScenarioError, OSError) as error:
         common.fail(error)
     with common.guard_output():
-        if as_json:
-            print(json.dumps(found.summary, indent=2))
-        else:
-            common.print_wrapped(found.format_report(), SUBJECT_WIDTH)
+        print(json.dumps(found.summary, indent=2) if as_json else found.format_verdict())
     if not found.passed:
         common.exit_with(common.EXIT_FAILED_CHECK)
 

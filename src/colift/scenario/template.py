@@ -6,8 +6,12 @@ import dataclasses
 import math
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from colift.scenario.scaling import REFERENCE, Scale
+
+if TYPE_CHECKING:
+    from colift.scenario.gain_limits import TranslationGains
 
 MAX_AGENTS = 100
 
@@ -125,13 +129,14 @@ def scenario_template(name: str, agents: int, arms: int) -> str:
     return scenario_text(name, VEHICLES[arms], agents)
 
 
-def scenario_text(name: str, vehicle: VehicleTemplate, agents: int) -> str:
+def scenario_text(name: str, vehicle: VehicleTemplate, agents: int, limited: TranslationGains | None = None) -> str:
     """Generate the text for agents on a circle with clearance between rotors, and a round plate of larger radius.
 
     Args:
         name: Name of the scenario.
         vehicle: Agent type.
         agents: Number of agents.
+        limited: Horizontal gains and attitude gain of the agents, if bound tips limit them.
 
     Returns:
         Text of the scenario.
@@ -166,7 +171,8 @@ nominal:  # parameters of the controller that differ from the true ones
   payload: {{mass_kg: {0.8 * mass:.4g}, inertia_kgm2: [{0.8 * inertia:.4g}, {0.8 * inertia:.4g}, {1.52 * inertia:.4g}]}}
 
 {_flight(by, wave)}
-{_control_and_learning(by)}{"" if unit else _scaled_defaults(by)}"""
+{_control(by, limited)}
+{_learning(by)}{"" if unit else _scaled_defaults(by)}"""
 
 
 def _flight(by: Scale, wave: float) -> str:
@@ -205,27 +211,37 @@ def _vector(factor: float, values: tuple[float | int, ...]) -> str:
     return f"[{', '.join(f'{factor * x:.3g}' for x in values)}]"
 
 
-def _control_and_learning(by: Scale) -> str:
-    """Generate gains and learning."""
-    T, moment = by.time, by.moment
-    lengthscales, periods = "", ""
-    if by != REFERENCE:  # defaults of the reference vehicle otherwise
-        lengthscales = f"\n    lengthscale: {_lengthscale(T):.3g}\n    rate_lengthscale: {_lengthscale(1 / T):.3g}"
-        periods = f"\n  update_period_s: {T:.3g}\n  refit_period_s: {10 * T:.3g}"
+def _control(by: Scale, limited: TranslationGains | None) -> str:
+    """Generate gains and allocation."""
+    K_p, K_v, agent_k_R = (f"{x:.3g}" for x in (5 * by.gain, 4.2 * by.rate, 250 * by.gain))
+    if limited is not None:
+        K_p, K_v = f"[{limited.K_p:g}, {limited.K_p:g}, {K_p}]", f"[{limited.K_v:g}, {limited.K_v:g}, {K_v}]"
+        K_v += "  # horizontal gains and agent_k_R are limited by bound tips (docs/own_team.md)"
+        agent_k_R = f"{limited.agent_k_R:g}"
     return f"""\
 control:  # slow mode: change K_p, K_v; unstable fast mode: reduce agent_k_omega, K_v
-  K_p: {5 * by.gain:.3g}
-  K_v: {4.2 * by.rate:.3g}
+  K_p: {K_p}
+  K_v: {K_v}
   k_R: {60 * by.gain:.3g}
   k_omega: {14 * by.rate:.3g}
-  agent_k_R: {250 * by.gain:.3g}
+  agent_k_R: {agent_k_R}
   agent_k_omega: {28 * by.rate:.3g}
   posture_bandwidth: {5 * by.rate:.3g}  # of joints that the contacts leave free
   complementary_filter_Hz: {5 * by.rate:.3g}
   joint_filter_Hz: {20 * by.rate:.3g}
 
 allocation: {{kind: least_squares}}
+"""
 
+
+def _learning(by: Scale) -> str:
+    """Generate learning."""
+    T, moment = by.time, by.moment
+    lengthscales, periods = "", ""
+    if by != REFERENCE:  # defaults of the reference vehicle otherwise
+        lengthscales = f"\n    lengthscale: {_lengthscale(T):.3g}\n    rate_lengthscale: {_lengthscale(1 / T):.3g}"
+        periods = f"\n  update_period_s: {T:.3g}\n  refit_period_s: {10 * T:.3g}"
+    return f"""\
 learning:
   update_times_s: {_vector(T, (2, 4, 6, 8, 10, 12))}{periods}
   start_s: {0.3 * T:.3g}

@@ -23,7 +23,7 @@ from colift.models.joint_roles import JointRoles
 from colift.models.link_tree import ChoiceRequiredError, CoupledJoints, InertiaRule, LinkJoint, LinkTree, reduce_tree
 from colift.models.parameters import AerialManipulator
 from colift.models.robot import Robot, make_agent
-from colift.scenario import from_urdf, loading, names
+from colift.scenario import from_urdf, gain_limits, loading, names, team
 from colift.scenario.errors import ScenarioError, unknown_name_message
 from colift.scenario.scaling import vehicle_scale
 from colift.scenario.template import MAX_AGENTS, VehicleTemplate, scenario_text
@@ -142,12 +142,20 @@ def _generated(
         )
     comments = "".join(f"    # {note}\n" for note in notes)
     kind = f"  vehicle:\n{comments}{section(2 * 9.81 * (1.3 * mass))}"
-    text = scenario_text(name, VehicleTemplate("vehicle", kind, mass, held, scale, turn), agents)
+    template = VehicleTemplate("vehicle", kind, mass, held, scale, turn)
+    text = scenario_text(name, template, agents)
     try:
-        loading.parse(text, str(folder / f"{name}.yaml"))
+        settings = loading.parse(text, str(folder / f"{name}.yaml"))
     except ScenarioError as error:
         first = str(error).splitlines()[0].partition(": ")[2] or str(error)
         raise ValueError(f"{vehicle.tree.file}: the vehicle is outside of the range of a scenario: {first}") from None
+    limits = gain_limits.translation_limits(settings, team.team(settings)[0])
+    if limits.exceeded(settings.control):
+        text = scenario_text(name, template, agents, limits.advise(settings.control))
+        notes += (
+            f"bound tips limit the horizontal motion, with a zero at {limits.zero:.3g} rad/s: lower horizontal gains "
+            "and a lower agent_k_R",
+        )
     return GeneratedScenario(text=text, agents=agents, notes=notes)
 
 

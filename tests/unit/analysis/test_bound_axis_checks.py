@@ -11,8 +11,8 @@ import pytest
 from colift import scenario
 from colift.analysis import bound_axes, bound_axis_checks, headings
 from colift.analysis.findings import Level
-from colift.scenario import Scenario, initial_states, team
-from tests.support import planar_teams
+from colift.scenario import Scenario, gain_limits, initial_states, team
+from tests.support import planar_teams, user_teams
 
 TORQUES = np.array([[0.02, -0.02, 0.01]] * 3)
 
@@ -103,3 +103,31 @@ def test_stiff_hook_is_advised_another_joint():
 
 def test_agents_without_bound_axes_have_no_finding():
     assert findings(scenario.load_scenario("seven")) == {}
+
+
+def translation_finding(settings: Scenario) -> bound_axis_checks.Finding:
+    limits = gain_limits.translation_limits(settings, team.team(settings)[0])
+    (found,) = bound_axis_checks.check_translation_gains(settings, limits)
+    return found
+
+
+def test_translation_gains_above_the_limit_are_weak():
+    """The advice is a typed option, and the gains that it sets have no finding above the limit."""
+    settings = planar_teams.bar(turn_deg=90.0)
+    found = translation_finding(settings)
+    assert found.level is bound_axis_checks.TRANSLATION_GAIN_LEVEL is Level.weak
+    assert found.message.startswith("translation acts through bound tips with a zero at ")
+    assert "control.K_v = 4.2 1/s across the vertical (limit 3.67)" in found.message
+    (advice,) = found.advice
+    assert re.fullmatch(
+        r"--set 'control\.K_p=\[\S+,\S+,5\]' --set 'control\.K_v=\[\S+,\S+,4\.2\]' --set control\.agent_k_R=\S+", advice
+    )
+    changed = user_teams.with_options(settings, user_teams.options_in(advice))
+    assert changed.control.K_v[0] < 3 < changed.control.K_v[2] == 4.2
+    good = translation_finding(changed)
+    assert (good.level, good.advice) == (Level.passed, ())
+
+
+def test_free_arms_have_no_translation_finding():
+    limits = gain_limits.TranslationLimits(zero=np.inf, inertia_ratio=1.0)
+    assert list(bound_axis_checks.check_translation_gains(planar_teams.bar(), limits)) == []

@@ -32,3 +32,11 @@ def test_summary_has_level_and_advice_of_each_finding():
     assert checks["mass"] == {"passed": True, "level": "passed", "message": "5 kg", "advice": [], "total_kg": 5.0}
     assert (checks["delay_margin"]["passed"], checks["delay_margin"]["level"]) == (True, "weak")
     assert (checks["slowest_mode"]["passed"], checks["slowest_mode"]["advice"]) == (False, ["another gain"])
+
+
+def test_lines_of_findings_and_verdict_are_the_report():
+    """Findings can be printed one at a time."""
+    report = PreflightReport("team", (GOOD, WEAK, BAD))
+    lines = [line for finding in report.findings for line in finding.format_lines()]
+    assert report.format_report() == [*lines, report.format_verdict()]
+    assert lines[1:3] == ["delay margin      0.008 s", "                  advice: a gain"]

@@ -15,6 +15,8 @@ from colift.analysis.findings import Level
 from colift.scenario import experiment, initial_states, schema
 from tests.support import small_team as light
 
+BUDGET = remedies.SearchBudget(limit=float("inf"))
+
 
 def quiet(_what: str) -> None:
     """Discard a description of the progress."""
@@ -82,19 +84,19 @@ def test_level_of_the_slowest_mode(
 ):
     """Advice is searched for modes that are unstable or weak only."""
     searched = []
-    monkeypatch.setattr(remedies, "stabilizing_changes", lambda *given: searched.append(given[4:]) or ("a gain",))
+    monkeypatch.setattr(remedies, "stabilizing_changes", lambda *given: searched.append(given[5:]) or ("a gain",))
     loop = loop_checks.LoopAnalysis({}, np.eye(1), 0.002, one_mode(complex(value)), None)
-    found = loop_checks.check_mode(light.settings(), loop, quiet)
+    found = loop_checks.check_mode(light.settings(), loop, quiet, BUDGET)
     assert (found.level.value, bool(found.advice)) == (level, level != "passed")
     assert searched == ([] if mode is None else [mode])
-    assert loop_checks.check_mode(light.settings(), loop, quiet, search=False).advice == ()
+    assert loop_checks.check_mode(light.settings(), loop, quiet, None).advice == ()
     json.dumps(found.values, allow_nan=False)
 
 
 def test_advice_for_damping_ranks_gains_by_the_payload_mode(monkeypatch: pytest.MonkeyPatch):
     """The slowest mode is sound, and the second one is hardly damped."""
     searched = []
-    monkeypatch.setattr(remedies, "stabilizing_changes", lambda *given: searched.append(given[4:]) or ("a gain",))
+    monkeypatch.setattr(remedies, "stabilizing_changes", lambda *given: searched.append(given[5:]) or ("a gain",))
     modes = stability.Modes(
         eigenvalues=np.array([-1.0, -1.5 + 30j]),
         payload=np.eye(2, 6),
@@ -102,25 +104,25 @@ def test_advice_for_damping_ranks_gains_by_the_payload_mode(monkeypatch: pytest.
         joints=np.eye(2, 0),
     )
     loop = loop_checks.LoopAnalysis({}, np.eye(1), 0.002, modes, None)
-    assert loop_checks.check_mode(light.settings(), loop, quiet).level is Level.weak
+    assert loop_checks.check_mode(light.settings(), loop, quiet, BUDGET).level is Level.weak
     assert searched == [(1,)]
 
 
 def test_slow_redundant_joints_are_weak_and_named(monkeypatch: pytest.MonkeyPatch):
     """Redundant joints that return too slowly are weak and are named."""
     beam = scenario.load_scenario("beam", ("control.posture_bandwidth=5",))
-    monkeypatch.setattr(remedies, "posture_changes", lambda _settings, rate, joint, _say: (f"{rate} {joint}",))
-    (slow,) = loop_checks.check_posture(beam, two_modes(2.4, 1.0, 0.1), quiet)
+    monkeypatch.setattr(remedies, "posture_changes", lambda _settings, rate, joint, *_: (f"{rate} {joint}",))
+    (slow,) = loop_checks.check_posture(beam, two_modes(2.4, 1.0, 0.1), quiet, BUDGET)
     assert (
         slow.message == "redundant joints converge at 2.4 1/s, slowest agent_2/shoulder; control.posture_bandwidth = 5"
     )
     assert (slow.level, slow.advice) == (Level.weak, ("2.4 agent_2/shoulder",))
-    (fast,) = loop_checks.check_posture(beam, two_modes(2.6, 1.0, 0.1), quiet)
+    (fast,) = loop_checks.check_posture(beam, two_modes(2.6, 1.0, 0.1), quiet, BUDGET)
     assert (fast.level, fast.advice) == (Level.passed, ())
-    assert not list(loop_checks.check_posture(beam, two_modes(0.1, 1.0, 1.0), quiet))  # the payload's mode
-    assert not list(loop_checks.check_posture(scenario.load_scenario("paper"), two_modes(0.1, 1.0, 0.1), quiet))
+    assert not list(loop_checks.check_posture(beam, two_modes(0.1, 1.0, 1.0), quiet, BUDGET))  # the payload's mode
+    assert not list(loop_checks.check_posture(scenario.load_scenario("paper"), two_modes(0.1, 1.0, 0.1), quiet, BUDGET))
     (held,) = loop_checks.check_posture(
-        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), two_modes(2.6, 1.0, 0.1), quiet
+        scenario.load_scenario("beam", ("control.posture_bandwidth=0",)), two_modes(2.6, 1.0, 0.1), quiet, BUDGET
     )
     assert held.level is Level.weak
 
@@ -144,7 +146,7 @@ def with_margins(delay: float, gain: tuple[float, float]) -> loop_checks.LoopAna
     ],
 )
 def test_levels_of_the_margins(delay: float, gain: tuple[float, float], levels: tuple[str, str]):
-    found = list(loop_checks.check_margins(light.settings(), with_margins(delay, gain), quiet, search=False))
+    found = list(loop_checks.check_margins(light.settings(), with_margins(delay, gain), quiet, None))
     assert [finding.subject for finding in found] == ["delay margin", "gain margin"]
     assert tuple(finding.level.value for finding in found) == levels
 
@@ -152,7 +154,7 @@ def test_levels_of_the_margins(delay: float, gain: tuple[float, float], levels: 
 def test_unknown_margins_are_no_failure():
     """An unknown delay margin is reported and does not fail the check."""
     loop = loop_checks.LoopAnalysis({}, np.eye(1), 0.002, one_mode(-1), None, "no independent commands")
-    (found,) = loop_checks.check_margins(light.settings(), loop, quiet)
+    (found,) = loop_checks.check_margins(light.settings(), loop, quiet, BUDGET)
     assert found.message == "not known: no independent commands"
     assert (found.level, found.advice, found.values) == (Level.passed, (), {"delay_margin_s": None})
 
@@ -178,7 +180,7 @@ def test_predicted_growth_is_that_of_the_changed_loop(gain: float, ticks: int):
 def test_margin_advice_names_gains_that_lower_the_growth():
     _, loop = small_loop()
     varied = stability.vary_loop(loop.x, loop.M, loop.dt, 3.0)
-    (text,) = remedies.margin_changes(light.settings(), loop.x, {"3 times the commands": varied}).values()
+    (text,) = remedies.margin_changes(light.settings(), loop.x, {"3 times the commands": varied}, BUDGET).values()
     assert text.startswith("--set control.")
     assert f"with 3 times the commands from {varied.growth:+.3g} to " in text
 

@@ -155,6 +155,19 @@ def test_waypoints_that_overshoot_are_a_finding_with_a_remedy(monkeypatch: pytes
     assert warning.startswith("the reference leaves the box of its poses by ")
 
 
+def test_findings_are_reported_before_the_loop_is_linearized(monkeypatch: pytest.MonkeyPatch):
+    reported, before = [], []
+    monkeypatch.setattr(stability, "equilibrium_and_jacobian", lambda *_: before.extend(reported) or no_rest())
+    report = preflight.run_preflight(light.settings(), report=lambda finding: reported.append(finding.subject))
+    assert before[:3] == ["mass", "contacts", "thrust"]
+    assert reported == [finding.subject for finding in report.findings] == [*before, "equilibrium"]
+
+
+def test_exhausted_budget_evaluates_no_candidate():
+    assert list(remedies.SearchBudget(limit=-1.0).within([1, 2])) == []
+    assert list(remedies.SearchBudget(limit=float("inf")).within([1, 2])) == [1, 2]
+
+
 def test_equal_agents_are_summarized():
     many = scenario.parse(template.scenario_template("many", 12, 0), "many.yaml")
     finding_ = preflight._mass(many, *team.team(many)).message
@@ -243,7 +256,13 @@ def test_command_prints_findings_and_sets_status(monkeypatch: pytest.MonkeyPatch
     bad = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, level=Level.failed)))
     weak = dataclasses.replace(good, findings=(*rest, dataclasses.replace(last, level=Level.weak)))
     for here, status in [(good, 0), (weak, 0), (bad, 1)]:
-        monkeypatch.setattr(preflight, "run_preflight", lambda _settings, _say, here=here: here)
+
+        def run(_settings, _say, report, here=here):
+            for each in here.findings:
+                report(each)
+            return here
+
+        monkeypatch.setattr(preflight, "run_preflight", run)
         finding_ = CliRunner().invoke(app, ["check", "paper"])
         assert finding_.exit_code == status
         assert finding_.stdout.split() == " ".join(here.format_report()).split()  # lines are wrapped
@@ -282,7 +301,7 @@ def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, a
         return two_modes(rate, 1.0, 0.1)
 
     monkeypatch.setattr(remedies, "modes_at_equilibrium", at_rest)
-    finding_ = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None)
+    finding_ = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None, remedies.SearchBudget())
     assert len(finding_) == len(advice)
     assert all(part in line for part, line in zip(advice, finding_, strict=True))
 
