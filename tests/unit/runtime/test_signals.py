@@ -32,7 +32,7 @@ def run_to_end(code: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_work_ends_at_a_check_point_and_cleans_up(number: signal.Signals):
     done = run_to_end(f"""
 with signals.handle_signals(), signals.on_exit(lambda: print("cleared")):
