@@ -11,6 +11,8 @@ import functools
 import io
 import json
 import math
+import socket
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -34,6 +36,7 @@ from tests.support import random_logs as flights
 from tests.support import summaries as summary_files
 
 LINE_LIMIT = 100_000  # characters of an error
+MAX_FAULT = 500  # characters of a fault
 DATA = Path(__file__).parent / "fuzz_seeds"
 
 
@@ -65,21 +68,27 @@ def check(name: str, seed: int, folder: Path) -> str | None:
     content = reader.make(np.random.default_rng([seed, *name.encode()]))
     path = folder / reader.file
     path.write_bytes(content)
-    with warnings.catch_warnings(record=True) as shown:
-        warnings.simplefilter("always")
-        try:
-            found = reader.read(path, content)
-        except reader.errors as error:
-            text = str(error)
-            found = None
-            if not text or len(text) > LINE_LIMIT:
-                return f"{type(error).__name__}: empty or endless"
-            if not shown:
-                return ""
-        except Exception as error:  # any other error is a fault
-            return f"{type(error).__name__}: {error}"[:500]
-    if shown:
-        return f"warns: {shown[0].message}"[:500]
+    before, shown = sys.unraisablehook, []
+    sys.unraisablehook = lambda each: shown.append(f"prints {each.exc_type.__name__}: {each.exc_value}")
+    try:
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            fault = _read(reader, path, content)
+        shown += [f"warns: {each.message}" for each in warned]
+    finally:
+        sys.unraisablehook = before
+    return fault or (shown[0][:MAX_FAULT] if shown else fault)
+
+
+def _read(reader: Reader, path: Path, content: bytes) -> str | None:
+    """Return the fault of a file; None if it was read, an empty text if it was refused."""
+    try:
+        found = reader.read(path, content)
+    except reader.errors as error:
+        text = str(error)
+        return "" if 0 < len(text) < LINE_LIMIT else f"{type(error).__name__}: empty or endless"
+    except Exception as error:  # any other error is a fault
+        return f"{type(error).__name__}: {error}"[:MAX_FAULT]
     return next((f"not finite: {place}" for place in non_finite(found)), None)
 
 
@@ -173,7 +182,7 @@ def _make_xml(text: str, rng: mutations.Rng) -> bytes:
 
 
 def _urdf(path: Path, content: bytes) -> Any:
-    mimic = ("freeze", "independent", None)[len(content) % 3]
+    mimic = ("frozen", "independent", None)[len(content) % 3]
     return urdf.parse_urdf(content, str(path), mimic)
 
 
@@ -362,23 +371,21 @@ def _make_messages(rng: mutations.Rng) -> bytes:
     return mutations.repeated(rng, content, lambda r, c: mutations.mutate_bytes(r, c, [_packed(r)]))
 
 
-class _Received:
+class _Received(socket.socket):
     """Socket that has received some bytes, after which the autopilot closes it."""
 
     def __init__(self, content: bytes) -> None:
+        super().__init__()
         self.parts = [content[k : k + 97] for k in range(0, len(content), 97)]
 
-    def setsockopt(self, *_: object) -> None: ...
-
-    def settimeout(self, _: float) -> None: ...
-
-    def recv(self, _: int) -> bytes:
+    def recv(self, *_: int) -> bytes:
         return self.parts.pop(0) if self.parts else b""
 
 
 def _messages(_path: Path, content: bytes) -> Any:
-    link = px4_hil.AutopilotConnection(_Received(content))  # ty: ignore[invalid-argument-type]
-    return px4_hil.rotor_signals(link.receive_actuators(2001, 5.0), 0, 2001, 4001, 4)
+    with _Received(content) as connection:
+        link = px4_hil.AutopilotConnection(connection)
+        return px4_hil.rotor_signals(link.receive_actuators(2001, 5.0), 0, 2001, 4001, 4)
 
 
 READERS: dict[str, Reader] = {

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 
@@ -223,6 +224,8 @@ def load(path: str | Path) -> xr.Dataset:
     """
     content = bounded_read.read_bytes(path, bounded_read.MAX_LOG_BYTES)
     try:
+        with h5py.File(io.BytesIO(content)):  # h5netcdf prints a traceback if it cannot open a file
+            pass
         ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
     # HDF5 and its readers raise many types on damaged bytes; the bytes are in memory, so any error is damage
     except Exception as error:

@@ -6,6 +6,8 @@ import dataclasses
 import functools
 import json
 import signal
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -411,6 +413,37 @@ def test_forced_termination_writes_the_best_gains(tmp_path: Path, monkeypatch: p
     before = best.out.read_text()
     best.save_if_interrupted()
     assert best.out.read_text() == before
+
+
+HANGUP = """
+import os, signal, sys, time
+from pathlib import Path
+from colift.cli.scenario import BestGains
+from colift.runtime import signals
+from tests.support import small_team
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored under nohup
+signals.GRACE_PERIOD = 0.2
+best = BestGains(small_team.settings(), None, Path(sys.argv[1]))
+with signals.handle_signals(), signals.on_exit(best.save_if_interrupted):
+    os.kill(os.getpid(), signal.SIGHUP)
+    while True:  # no check point, as in the solver of a linearization
+        time.sleep(0.01)
+"""
+
+
+def test_a_closed_terminal_leaves_the_best_gains(tmp_path: Path):
+    out = tmp_path / "tuned.yaml"
+    done = subprocess.run(
+        [sys.executable, "-c", HANGUP, str(out)],
+        cwd=Path(__file__).parents[3],  # of the module `tests`
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 128 + signal.SIGHUP, done.stderr
+    assert out.read_text().startswith(scenario_commands.INCOMPLETE_SEARCH)
+    assert scenario.load_scenario(out) == light.settings()
 
 
 def test_search_reports_best_design_so_far():

@@ -204,7 +204,8 @@ def test_other_files_are_refused(rng, tmp_path):
         log.load(tmp_path / "C3.nc")
     log.save(flights.dataset(rng), tmp_path / "C3.nc")
     whole = (tmp_path / "C3.nc").read_bytes()
-    for content in (b"", b"no NetCDF", whole[: len(whole) // 2]):
+    # h5netcdf prints a traceback if HDF5 refuses the header; the settings of the tests make this an error
+    for content in (b"", b"no NetCDF", whole[: len(whole) // 2], whole[:8] + bytes(56) + whole[64:]):
         (tmp_path / "C3.nc").write_bytes(content)
         with pytest.raises(ValueError, match=r"C3\.nc: not a NetCDF-4 file"):
             log.load(tmp_path / "C3.nc")

@@ -16,6 +16,7 @@ BEGIN = """
 import gc, os, signal, sys, threading, time
 from colift.runtime import signals
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored under nohup
 def ask(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 def work():
