@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -15,6 +16,7 @@ from colift import scenario
 from colift.certification import linearized_trajectory
 from colift.certification.certificate import ERRORS
 from colift.cli import app
+from colift.runtime import signals
 from colift.workflows import certification, falsification
 from tests.support import certified_flights
 from tests.support.certified_flights import made, short
@@ -163,6 +165,55 @@ def test_trials_are_printed_with_commands_and_saved(tmp_path, monkeypatch):
     assert kept["schema"] == 2
     assert kept["trials"][1]["observed_over_bound"]["e_v"] == 1.5
     assert Path(tmp_path / "falsification.json").read_text().count(kept["run"]) == 1
+
+
+def run_trials(monkeypatch, out: Path, names: list[str], stop_after: int | None, *options: str) -> dict | None:
+    """Run `falsify` with trials that are replaced, interrupted after some of them; return the content of the file."""
+    done = [falsification.FalsificationTrial(name, (), {"e_p": 0.5}, 0, 12, "") for name in names]
+
+    def trials(*_):
+        yield from done[:stop_after]
+        if stop_after is not None:
+            raise signals.Interrupted
+
+    monkeypatch.setattr(falsification, "falsify", trials)
+    arguments = ["falsify", "certified", "--out", str(out), "--trial", ",".join(names), "-q", *options]
+    with contextlib.suppress(signals.Interrupted):
+        result = CliRunner().invoke(app.app, arguments, catch_exceptions=False)
+        assert result.exit_code == 0, result.output
+    file = out / "falsification.json"
+    return json.loads(file.read_text()) if file.exists() else None
+
+
+def names_of(content: dict) -> list[str]:
+    return [trial["name"] for trial in content["trials"]]
+
+
+def test_interrupted_trials_are_pending_and_earlier_kept(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    first = run_trials(monkeypatch, out, ["seed:0", "seed:1"], None)
+    assert (names_of(first), first["pending"]) == (["seed:0", "seed:1"], [])
+    second = run_trials(monkeypatch, out, ["seed:2", "seed:3"], 1)
+    assert (names_of(second), second["pending"]) == (["seed:0", "seed:1", "seed:2"], ["seed:3"])
+    third = run_trials(monkeypatch, out, ["seed:3", "seed:0"], None)
+    assert (names_of(third), third["pending"]) == (["seed:0", "seed:1", "seed:2", "seed:3"], [])
+
+
+def test_interrupted_replacement_keeps_the_earlier_file(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    first = run_trials(monkeypatch, out, ["seed:0", "seed:1"], None)
+    assert run_trials(monkeypatch, out, ["seed:2", "seed:3"], 1, "--replace") == first
+    assert names_of(run_trials(monkeypatch, out, ["seed:2"], None, "--replace")) == ["seed:2"]
+
+
+def test_damaged_earlier_trials_are_refused(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    first = run_trials(monkeypatch, out, ["seed:0"], None)
+    for damaged in ({"run": first["run"], "trials": 5}, {"run": first["run"], "trials": [{}]}, {"run": first["run"]}):
+        (out / "falsification.json").write_text(json.dumps(damaged))
+        result = CliRunner().invoke(app.app, ["falsify", "certified", "--out", str(out), "--trial", "seed:1"])
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+        assert "falsification.json: the earlier trials are damaged" in result.stderr
 
 
 def test_unknown_trial_is_refused_with_known_names(tmp_path):

@@ -231,8 +231,11 @@ def _load_run(folder: Path, name: str, cases: Sequence[str]) -> ComparedRun:
 
 
 def _metrics(run: ComparedRun, case: str) -> dict[str, float | None]:
-    """Return the standard metrics of a case; a value with a wrong type raises TypeError."""
+    """Return the standard metrics of a case; a missing entry raises KeyError, a value with a wrong type TypeError."""
     found = run.summary["cases"][case]
+    for key in ("complete", *(metric.key for metric in STUDY_METRICS)):
+        if key not in found:
+            raise KeyError(key)
     values = {metric.key: found[metric.key] for metric in STUDY_METRICS}
     for key, value in values.items():
         if value is not None and not isinstance(value, int | float):

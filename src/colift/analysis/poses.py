@@ -17,6 +17,7 @@ from colift.math import so3
 from colift.math.linalg import transpose
 from colift.models.parameters import Team
 from colift.scenario import Scenario, ScenarioError
+from colift.scenario import team as team_names
 from colift.scenario.migration import migrate_data
 
 
@@ -38,7 +39,9 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
     try:
         data = json.loads(ds.attrs["scenario_json"])
         data = _without_plugins(migrate_data(data, strict=False), ds)
-        return Scenario.model_validate_json(json.dumps(data))
+        settings = Scenario.model_validate_json(json.dumps(data))
+        _check_team(settings, ds)
+        return settings
     except KeyError:
         raise ValueError(
             f"the log {ds.attrs.get('case', '')} of run {ds.attrs.get('run', 'unknown')} contains no scenario; it was "
@@ -46,9 +49,22 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
         ) from None
     except (ScenarioError, ValueError, TypeError, AttributeError) as error:
         first = str(error).splitlines()[0]
+        file = f"{ds.encoding['source']}: " if "source" in ds.encoding else ""
         raise ValueError(
-            f"this version of colift cannot read the scenario in the log ({first}): run colift study again"
+            f"{file}this version of colift cannot read the scenario in the log ({first}): run colift study again"
         ) from None
+
+
+def _check_team(settings: Scenario, ds: xr.Dataset) -> None:
+    """Raise ValueError if the team of the scenario has another number of agents, joints or contacts than the log."""
+    joints = ds.sizes.get("joint", 0) + ds.sizes.get("prismatic_joint", 0)
+    for what, names, number in (
+        ("agents", team_names.agent_names(settings), ds.sizes["agent"]),
+        ("joints", team_names.joint_names(settings), joints),
+        ("contacts", team_names.contact_names(settings), ds.sizes["contact"]),
+    ):
+        if len(names) != number:
+            raise ValueError(f"it has {len(names)} {what}, the log {number}")
 
 
 def plugin_classes(ds: xr.Dataset) -> list[str]:

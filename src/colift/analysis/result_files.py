@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from colift.analysis import result_checks
 from colift.closed_loop import log_upgrade
 from colift.runtime import bounded_read
 
@@ -114,9 +115,9 @@ def load_summary(path: str | Path) -> Content:
         Content of the file with the keys of the present schema.
 
     Raises:
-        ValueError: If the file is no summary, or of a later schema.
+        ValueError: If the file is no summary, damaged, or of a later schema.
     """
-    return _load(Path(path), "cases", _upgrade_summary)
+    return _load(Path(path), "cases", _upgrade_summary, result_checks.SUMMARY_TYPES)
 
 
 def load_certificate(path: str | Path) -> Content:
@@ -129,12 +130,12 @@ def load_certificate(path: str | Path) -> Content:
         Content of the file with the keys of the present schema.
 
     Raises:
-        ValueError: If the file is no certificate, or of a later schema.
+        ValueError: If the file is no certificate, damaged, or of a later schema.
     """
-    return _load(Path(path), "observed", _upgrade_certificate)
+    return _load(Path(path), "observed", _upgrade_certificate, result_checks.CERTIFICATE_TYPES)
 
 
-def _load(path: Path, required: str, upgrade: Callable[[Content], Content]) -> Content:
+def _load(path: Path, required: str, upgrade: Callable[[Content], Content], types: Mapping[str, str]) -> Content:
     """Read a file; a file of schema 1 is upgraded."""
     content = bounded_read.read_json(path)
     if required not in content:
@@ -142,11 +143,13 @@ def _load(path: Path, required: str, upgrade: Callable[[Content], Content]) -> C
     schema = content.get("schema", 1)
     if schema == 1:
         try:
-            return upgrade(content) | {"schema": SCHEMA}
+            content = upgrade(content) | {"schema": SCHEMA}
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"{path}: is damaged ({type(error).__name__}: {error})") from error
-    if schema != SCHEMA:
-        raise ValueError(f"{path}: is of schema {schema}; this version of colift reads schema {SCHEMA} and 1")
+    elif schema != SCHEMA:
+        raise ValueError(f"{path}: is of schema {schema!r:.60}; this version of colift reads schema {SCHEMA} and 1")
+    for fault in result_checks.find_damage(content, types):
+        raise ValueError(f"{path}: is damaged ({fault})")
     return content
 
 

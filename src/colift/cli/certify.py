@@ -16,6 +16,7 @@ import typer
 from colift.cli import common, tables
 
 if TYPE_CHECKING:
+    from colift.runtime.run_directory import RunDirectory
     from colift.scenario import Scenario
     from colift.workflows.falsification import FalsificationTrial
 
@@ -94,10 +95,10 @@ def falsify(
     bounds in case C3. Flights with other seeds, updates, initial states, trajectories, noise, rates and thrust limits
     are compared with their own bounds.
 
-    Prints the largest ratio of every error and the command that reproduces it. Writes falsification.json after every
-    trial (docs/certificate.md). Status 1: a bound is violated.
+    Prints the largest ratio of every error and the command that reproduces it. Writes falsification.json
+    (docs/certificate.md); trials of an earlier command with the same settings are kept. After Ctrl-C the file contains
+    the completed trials, and its entry ``pending`` lists the others. Status 1: a bound is violated.
     """
-    from colift.runtime import atomic_write
     from colift.workflows import falsification
 
     read = functools.partial(common.load_settings, name, overrides, duration, seed)
@@ -106,13 +107,12 @@ def falsify(
     results = common.results_folder(out, overrides, duration, seed, suffix="-falsification")
     with common.open_results(read, results, replace, keep_on_interrupt=True) as (settings, folder):
         requested = common.split_values(trials) if trials else falsification.trial_names(settings, rounds)
+        earlier = _read_trials(folder)
         try:
             with common.show_progress(f"falsifying the bounds of {settings.name}", quiet) as progress:
                 for trial in falsification.falsify(settings, requested, progress):
                     completed.append(trial)
-                    summary = atomic_write.write_json_atomic(
-                        _falsification_summary(folder.run_id, settings, completed), folder.path / FALSIFICATION_FILE
-                    )
+                    summary = _save_trials(folder, settings, earlier, completed, requested)
         except ValueError as error:
             common.fail(error)
     options = [word for override in overrides or () for word in ("--set", override)]
@@ -126,13 +126,60 @@ def falsify(
         common.exit_with(common.EXIT_VIOLATION)
 
 
-def _falsification_summary(run: str, settings: Scenario, trials: Sequence[FalsificationTrial]) -> dict[str, Any]:
-    """Return the content of `FALSIFICATION_FILE`."""
-    from colift.analysis import result_files
+def _read_trials(folder: RunDirectory) -> dict[str, Any]:
+    """Return trials and pending trials of an earlier command with the same settings.
 
-    rows = [dataclasses.asdict(trial) for trial in trials]
-    header = {"scenario": settings.name, "seed": settings.seed, "version": version("colift")}
-    return {"schema": result_files.SCHEMA, "run": run, **header, "trials": rows}
+    Raises:
+        OSError: If the file is damaged.
+    """
+    from colift.runtime import bounded_read
+
+    path, shown = folder.path / FALSIFICATION_FILE, folder.target / FALSIFICATION_FILE
+    if not path.exists():
+        return {"trials": [], "pending": []}
+    try:
+        found = bounded_read.read_json(path)
+        trials = {str(row["name"]): row for row in found["trials"]}
+        return {"trials": list(trials.values()), "pending": [str(name) for name in found.get("pending", [])]}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        reason = str(error).replace(str(folder.path), str(folder.target))
+        raise OSError(f"{shown}: the earlier trials are damaged ({reason}); remove them by --replace") from None
+
+
+def _save_trials(
+    folder: RunDirectory,
+    settings: Scenario,
+    earlier: Mapping[str, Any],
+    completed: Sequence[FalsificationTrial],
+    requested: Sequence[str],
+) -> dict[str, Any]:
+    """Write the trials of an earlier command and those until now, and the names of the trials that are pending.
+
+    Args:
+        folder: Folder of the results.
+        settings: Scenario.
+        earlier: Trials and pending trials of an earlier command.
+        completed: Completed trials.
+        requested: Names of the requested trials.
+
+    Returns:
+        The content of the file.
+    """
+    from colift.analysis import result_files
+    from colift.runtime import atomic_write
+
+    rows = {row["name"]: row for row in [*earlier["trials"], *map(dataclasses.asdict, completed)]}
+    pending = [name for name in dict.fromkeys([*earlier["pending"], *requested]) if name not in rows]
+    content = {
+        "schema": result_files.SCHEMA,
+        "run": folder.run_id,
+        "scenario": settings.name,
+        "seed": settings.seed,
+        "version": version("colift"),
+        "pending": pending,
+        "trials": list(rows.values()),
+    }
+    return atomic_write.write_json_atomic(content, folder.path / FALSIFICATION_FILE)
 
 
 def print_falsification(

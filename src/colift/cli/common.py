@@ -472,7 +472,8 @@ def open_results(
             try:
                 yield settings, folder
             except signals.Interrupted:
-                kept = keep_on_interrupt and run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
+                kept = keep_on_interrupt and not folder.replaced
+                kept = kept and run_directory.written_files(folder, STUDY_FILES + CERTIFICATE_FILES)
                 note = "completed parts are in" if kept else "nothing was written to"
                 print_warning(f"interrupted; {note} {folder.target}")
                 raise

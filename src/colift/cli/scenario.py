@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,11 @@ from colift.runtime import bounded_read, signals
 
 NAME_WIDTH = 16  # characters of the names in `colift list`
 SUBJECT_WIDTH = 10  # characters before the findings in `colift check`
+
+INCOMPLETE_SEARCH = "# colift tune: the search is not complete; these are the best gains so far.\n"
+"""First line of a scenario file whose search was interrupted."""
+MAX_WRITE_TIME = 2.0
+"""Longest time that a thread waits for another one that writes the file [s]."""
 
 if TYPE_CHECKING:
     from colift.analysis.findings import Finding
@@ -67,9 +73,10 @@ def require_suffix(file: Path) -> None:
 
 
 def write_new(file: Path, text: str) -> None:
-    """Write a file that must not exist yet; fail with OSError if it exists."""
-    with file.open("x", encoding="utf-8") as opened:
-        opened.write(text)
+    """Write a file that must not exist yet, atomically; fail with OSError if it exists."""
+    from colift.runtime import atomic_write
+
+    atomic_write.write_atomic(file, text.encode(), new=True)
 
 
 # Migration ------------------------------------------------------------------------------------------------------------
@@ -202,12 +209,11 @@ def tune(
     """Optimize the gains of a scenario for decay rate, delay margin and disturbance rejection.
 
     Prints modes and margins before and after, and writes the scenario with the optimized gains. No file is
-    overwritten. The search takes some minutes. On Ctrl-C, the best gains so far are written.
+    overwritten. The search takes some minutes. The file contains the best gains so far during the search and after
+    Ctrl-C; its first line then states that the search is not complete.
     """
     from colift import scenario
-    from colift.analysis import gain_tuning
 
-    signals.raise_if_interrupted()
     try:
         _require_writable(out)
         settings, written = common.load_settings(name, overrides), None
@@ -215,17 +221,31 @@ def tune(
             written = scenario.shipped_text(name)
         elif not overrides:
             written = bounded_read.read_text(Path(name).expanduser())
-        before, after, budget, values = _search_gains(settings, written, out, quiet)
-        write_new(out, gain_tuning.to_yaml(after.settings, written, str(out)))
+        best = BestGains(settings, written, out)
+        before, after, budget, values = _search_gains(settings, best, quiet)
     except (scenario.ScenarioError, ValueError, OSError) as error:
         common.fail(error)
+    _print_tuning(before, after, budget, values, out, as_json)
+
+
+def _print_tuning(
+    before: LoopDesign,
+    after: LoopDesign,
+    budget: EvaluationBudget,
+    values: tuple[Values, Values],
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Print the values of the designs before and after the search."""
+    from colift.analysis import gain_tuning
+
     with common.guard_output():
         if as_json:
             found = {"before": values[0], "after": values[1], **budget._asdict()}
             print(json.dumps(found | {"control": after.settings.model_dump(mode="json")["control"]}, indent=2))
         else:
             report = gain_tuning.format_report(before, after, *values, budget)
-            print("\n".join([*report, f"{settings.name} with these gains is in {out}"]))
+            print("\n".join([*report, f"{after.settings.name} with these gains is in {out}"]))
 
 
 def _require_writable(out: Path) -> None:
@@ -243,15 +263,76 @@ def _require_writable(out: Path) -> None:
 Values = dict[str, float | str]
 
 
+class BestGains:
+    """Scenario file of `tune`, which contains the best gains of the search so far.
+
+    Each improvement replaces the file atomically. A request to end writes the last improvement, or the initial gains;
+    so does a forced termination, which calls `save_if_interrupted` in another thread.
+    """
+
+    def __init__(self, settings: Scenario, written: str | None, out: Path) -> None:
+        """Start with the initial gains; nothing is written.
+
+        Args:
+            settings: Scenario with the initial gains.
+            written: Text of its file, into which the gains are inserted; None if overrides apply.
+            out: File to write; it must not exist.
+        """
+        self.initial, self.best, self.written, self.out = settings, settings, written, out
+        self._saved: str | None = None
+        self._lock = threading.Lock()  # the main thread may be writing when the process is terminated
+
+    def update(self, loop: LoopDesign) -> None:
+        """Replace the file by the gains of an improved loop."""
+        self.best = loop.settings
+        self.save()
+
+    def save(self, complete: bool = False) -> None:
+        """Write the best gains, atomically.
+
+        Args:
+            complete: Whether the search has ended.
+
+        Raises:
+            OSError: If the file cannot be written, or if another program has created it.
+        """
+        from colift.runtime import atomic_write
+
+        text = ("" if complete else INCOMPLETE_SEARCH) + self._text()
+        if not self._lock.acquire(timeout=MAX_WRITE_TIME):
+            return  # the other thread writes the same gains
+        try:
+            if text != self._saved:
+                new = self._saved is None
+                atomic_write.write_atomic(self.out, text.encode(), after_interrupt=True, new=new)
+                self._saved = text
+        finally:
+            self._lock.release()
+
+    def save_if_interrupted(self) -> None:
+        """Write the best gains if the process is requested to end and the search is not complete."""
+        if signals.is_interrupted() and (self._saved is None or self._saved.startswith(INCOMPLETE_SEARCH)):
+            self.save()
+
+    def _text(self) -> str:
+        """Return the text of the scenario with the best gains."""
+        from colift import scenario
+
+        if self.best == self.initial:  # the search may not have begun
+            return scenario.to_yaml(self.initial) if self.written is None else self.written
+        from colift.analysis import gain_tuning
+
+        return gain_tuning.to_yaml(self.best, self.written, str(self.out))
+
+
 def _search_gains(
-    settings: Scenario, written: str | None, out: Path, quiet: bool
+    settings: Scenario, best: BestGains, quiet: bool
 ) -> tuple[LoopDesign, LoopDesign, EvaluationBudget, tuple[Values, Values]]:
     """Optimize gains; on a request to end, write the best gains so far and propagate it.
 
     Args:
         settings: Scenario whose gains are optimized.
-        written: Text of its file, into which the gains are inserted; None if overrides apply.
-        out: File to write on a request to end.
+        best: File of the best gains.
         quiet: Print no progress.
 
     Returns:
@@ -260,19 +341,18 @@ def _search_gains(
     Raises:
         Interrupted: If the process is requested to end.
     """
-    from colift.analysis import gain_tuning
+    with signals.on_exit(best.save_if_interrupted):
+        try:
+            from colift.analysis import gain_tuning
 
-    best: list[LoopDesign] = []
-    try:
-        with common.show_progress(f"tuning {settings.name}", quiet) as progress:
-            before, after, budget = gain_tuning.tune(settings, progress, best.append)
-            best.append(after)
-            progress("flights with both")
-            values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
-    except signals.Interrupted:
-        if best:
-            write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
-        note = f"the best gains so far are in {out}" if best else f"nothing was written to {out}"
-        common.print_warning(f"interrupted; {note}")
-        raise
+            with common.show_progress(f"tuning {settings.name}", quiet) as progress:
+                before, after, budget = gain_tuning.tune(settings, progress, best.update)
+                best.update(after)
+                progress("flights with both")
+                values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
+                best.save(complete=True)
+        except signals.Interrupted:
+            best.save()
+            common.print_warning(f"interrupted; the best gains so far are in {best.out}")
+            raise
     return before, after, budget, values

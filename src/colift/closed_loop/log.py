@@ -18,10 +18,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 
-from colift.closed_loop import log_signals, log_upgrade, pose_signals
+from colift.closed_loop import log_checks, log_signals, log_upgrade, pose_signals
 from colift.closed_loop.log_signals import all_joints as all_joints
 from colift.closed_loop.log_signals import stack_parts as stack_parts
 from colift.closed_loop.log_upgrade import SCHEMA
@@ -218,17 +219,27 @@ def load(path: str | Path) -> xr.Dataset:
         The dataset.
 
     Raises:
-        ValueError: If the file is not NetCDF-4, or was written by a later version with another schema.
+        ValueError: If the file is not NetCDF-4, is damaged, or was written by a later version with another schema. The
+            message has one line with the path.
     """
     content = bounded_read.read_bytes(path, bounded_read.MAX_LOG_BYTES)
     try:
+        with h5py.File(io.BytesIO(content)):  # h5netcdf prints a traceback if it cannot open a file
+            pass
         ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: not a NetCDF-4 file") from error
+    # HDF5 and its readers raise many types on damaged bytes; the bytes are in memory, so any error is damage
+    except Exception as error:
+        raise ValueError(f"{path}: not a NetCDF-4 file, or damaged") from error
     try:
-        return log_upgrade.upgrade(ds)
+        ds = log_upgrade.upgrade(ds)
+        log_checks.refuse_damage(ds)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    except (KeyError, TypeError, AttributeError, IndexError, OverflowError) as error:  # in the upgrade of an old log
+        reason = f"no {error}" if isinstance(error, KeyError) else " ".join(str(error).split())
+        raise ValueError(f"{path}: damaged: {reason}") from error
+    ds.encoding["source"] = str(path)
+    return ds
 
 
 def update_times(ds: xr.Dataset) -> tuple[list[float], float | None]:

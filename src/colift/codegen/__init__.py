@@ -39,6 +39,7 @@ from colift.codegen import (
     linalg,
     liveness,
     loops,
+    program_cache,
     reduction,
     shape_rules,
 )
@@ -55,6 +56,8 @@ from colift.codegen.vmap_primitive import trace
 __all__ = ["CompilerError", "UnsupportedPrimitive", "compile", "source"]
 
 RULES = (elementwise, shape_rules, indexing, reduction, linalg, loops)  # each registers its rules on import
+
+program_cache.install()
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""The one module that touches internals of JAX: jaxprs, parameters of primitives, rules of new primitives.
+"""The one module that touches internals of JAX (jaxprs, parameters and rules of primitives), besides `program_cache`.
 
 JAX documents neither the form of a jaxpr nor the parameters of its primitives as stable. This module reads them into
 `Program` and `TracedEquation`, and checks the parameters of every equation. Where JAX has changed, it raises

@@ -9,7 +9,8 @@ MuJoCo is an optional dependency.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import warnings
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 from xml.parsers import expat
@@ -23,6 +24,7 @@ from colift.runtime import bounded_read
 
 INCLUDING_ELEMENTS = ("include", "model")
 MAX_MESH_BYTES = 2**28  # largest file of a mesh or height field
+MAX_NUMBER = 1e12  # largest number, so that products do not overflow
 UNLIMITED = 63.0  # rad or m, larger limits of position mean that there is none
 
 
@@ -40,8 +42,8 @@ def read_mjcf(path: str | Path) -> LinkTree:
         Links and joints; sites are links without mass.
 
     Raises:
-        ValueError: If MuJoCo is not installed or does not accept the file, or if the file has no vehicle, or joints
-            that are not supported.
+        ValueError: If MuJoCo is not installed or does not accept the file, or if the file has no vehicle, joints that
+            are not supported, or numbers that are not finite.
     """
     try:
         import mujoco
@@ -49,13 +51,52 @@ def read_mjcf(path: str | Path) -> LinkTree:
         raise ValueError("an MJCF file requires MuJoCo: pip install 'colift[mujoco]'") from None
     _check_included_files(Path(path))
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        _without_display(spec, mujoco)
-        _check_mesh_files(spec)
-        model = spec.compile()
+        with _without_warnings(mujoco):
+            spec = mujoco.MjSpec.from_file(str(path))
+            _without_display(spec, mujoco)
+            _check_mesh_files(spec)
+            model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise ValueError(f"{path}: MuJoCo: {' '.join(str(error).split())}") from None
-    return _Reader(str(path), model, mujoco).tree()
+    tree = _Reader(str(path), model, mujoco).tree()
+    _check_numbers(tree)
+    return tree
+
+
+@contextlib.contextmanager
+def _without_warnings(mujoco: Any) -> Generator[None]:
+    """Discard the warnings of MuJoCo, which it would also append to a file in the current folder."""
+    previous = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _message: None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        mujoco.set_mju_user_warning(previous)
+
+
+def _check_numbers(tree: LinkTree) -> None:
+    """Raise ValueError if a number of the vehicle is not finite or too large, which MuJoCo accepts."""
+    for link in tree.links.values():
+        body = link.inertial
+        if body is not None and not _is_usable(body.mass, body.com, body.inertia):
+            raise ValueError(f"{tree.file}: body {link.name!r} has a mass or inertia that is not finite or too large")
+    for joint in tree.joints.values():
+        if not _is_usable(joint.rotation, joint.position, joint.axis, *_stated(joint)):
+            raise ValueError(f"{tree.file}: {joint.name!r} has a pose, axis or limit that is not finite or too large")
+
+
+def _stated(joint: LinkJoint) -> Iterator[object]:
+    """Yield the limits and the coupling of a joint."""
+    yield from (each for each in (joint.limits.position, joint.limits.speed, joint.limits.effort) if each is not None)
+    if joint.coupling is not None:
+        yield joint.coupling.multiplier, joint.coupling.offset
+
+
+def _is_usable(*values: object) -> bool:
+    """Return whether all numbers are finite and not too large."""
+    return all((np.abs(np.asarray(value, float)) <= MAX_NUMBER).all() for value in values)
 
 
 def _check_included_files(path: Path) -> None:

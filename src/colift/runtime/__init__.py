@@ -6,6 +6,6 @@
 ``cache``          folder of compiled programs
 ``extras``         commands that install optional dependencies
 ``run_directory``  result folder of one run, with a lock
-``signals``        orderly termination after Ctrl-C and SIGTERM
+``signals``        orderly termination after Ctrl-C, SIGTERM and SIGHUP
 =================  ====================================================================
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -12,20 +13,23 @@ from typing import Any
 from colift.runtime import signals
 
 
-def write_atomic(path: str | Path, content: bytes) -> None:
+def write_atomic(path: str | Path, content: bytes, *, after_interrupt: bool = False, new: bool = False) -> None:
     """Write a file atomically.
 
     The content is written to a temporary file in the same folder, flushed to the disk, and renamed. The file mode
-    follows the umask. After a request to terminate the process nothing is written.
+    follows the umask. After a request to terminate the process nothing is written, unless requested.
 
     Args:
         path: File.
         content: New content.
+        after_interrupt: Whether to write also after a request to terminate the process.
+        new: Whether to refuse a file that exists.
 
     Raises:
         OSError: If the file cannot be written, with path and reason in one line; `path` is then unchanged.
     """
-    signals.raise_if_interrupted()
+    if not after_interrupt:
+        signals.raise_if_interrupted()
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -34,13 +38,30 @@ def write_atomic(path: str | Path, content: bytes) -> None:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-            temporary.replace(path)
+            if new:
+                _rename_new(temporary, path)
+            else:
+                temporary.replace(path)
         except BaseException:
             with contextlib.suppress(OSError):  # the first error is reported
                 temporary.unlink()
             raise
     except OSError as error:
         raise OSError(error.errno, f"cannot write {path}: {error.strerror}") from error
+
+
+def _rename_new(temporary: Path, path: Path) -> None:
+    """Rename a file; raise FileExistsError if the new name exists."""
+    try:
+        os.link(temporary, path)  # unlike a rename, this replaces no file
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST)) from None
+        temporary.replace(path)
+    else:
+        temporary.unlink()
 
 
 def write_json_atomic(value: Any, path: Path) -> Any:

@@ -83,15 +83,25 @@ def read_json(path: str | Path, limit: int = MAX_TEXT_BYTES) -> dict[str, Any]:
         The object.
 
     Raises:
-        ValueError: If the file is not UTF-8 text or not JSON, or if it contains no object.
+        ValueError: If the file is not UTF-8 text or not strict JSON, or if it contains no object.
     """
     text = read_text(path, limit)
     try:
-        value = json.loads(text)
+        value = json.loads(text, parse_constant=_refuse_constant)
+        json.dumps(value, ensure_ascii=False).encode()  # a lone surrogate is no text
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
     except RecursionError:
         raise ValueError(f"{path}: not JSON of colift (nested too deeply)") from None
+    except UnicodeEncodeError:
+        raise ValueError(f"{path}: not JSON of colift (a text with a lone surrogate)") from None
+    except ValueError as error:  # NaN, or a number of more than 4300 digits
+        raise ValueError(f"{path}: not JSON ({error})") from None
     if not isinstance(value, dict):
         raise ValueError(f"{path}: not JSON of colift (no object)")
     return value
+
+
+def _refuse_constant(name: str) -> float:
+    """Raise ValueError for NaN and Infinity, which strict JSON does not contain."""
+    raise ValueError(f"{name} is no number")

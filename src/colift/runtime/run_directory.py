@@ -87,7 +87,8 @@ def stage_run_directory(
         run_id: Identifier of the run.
         patterns: Names of the files that the run may write or replace, with `*` as a wildcard.
         replace: Whether to remove all earlier results.
-        keep_on_interrupt: Whether the files are also valid results if the block raises `signals.Interrupted`.
+        keep_on_interrupt: Whether the files are also valid results if the block raises `signals.Interrupted`. They
+            replace no results of another run, which are removed by complete results only.
 
     Yields:
         The locked folder.
@@ -108,10 +109,21 @@ def stage_run_directory(
         try:
             yield RunDirectory(staging, given, run_id, replaced)
         except signals.Interrupted:
-            if keep_on_interrupt:
+            if keep_on_interrupt and replaced is None:
                 _publish(staging, target)
             raise
         _publish(staging, target)
+
+
+def written_files(folder: RunDirectory, patterns: Sequence[str]) -> list[str]:
+    """Return the names of the files that the command has written until now.
+
+    Args:
+        folder: Folder of the command.
+        patterns: Names of files, with `*` as a wildcard.
+    """
+    files = [(file, folder.target / file.name) for file in list_files(folder.path, patterns)]
+    return [file.name for file, earlier in files if not (earlier.exists() and earlier.samefile(file))]
 
 
 def list_files(path: Path, patterns: Sequence[str]) -> list[Path]:

@@ -1,4 +1,4 @@
-"""Orderly termination after Ctrl-C or SIGTERM.
+"""Orderly termination after Ctrl-C, SIGTERM or SIGHUP.
 
 Python raises KeyboardInterrupt at an arbitrary point of the main thread. Within a callback that ignores exceptions,
 such as JAX's callback of the garbage collector, it is lost and the run continues. Within a compiler it is delayed by
@@ -18,8 +18,8 @@ from collections.abc import Callable, Generator
 
 GRACE_PERIOD = 5.0
 """Time [s] from the first signal to forced termination, for computations that check the flag rarely."""
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""Signals that request termination."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that request termination; a terminal that is closed sends SIGHUP."""
 
 _received: list[int] = []  # the first signal
 _exit_actions: list[Callable[[], None]] = []
@@ -37,6 +37,11 @@ def raise_if_interrupted() -> None:
     """
     if _received:
         raise Interrupted
+
+
+def is_interrupted() -> bool:
+    """Return whether termination was requested."""
+    return bool(_received)
 
 
 @contextlib.contextmanager
@@ -59,7 +64,7 @@ def on_exit(action: Callable[[], None]) -> Generator[None]:
 
 @contextlib.contextmanager
 def handle_signals() -> Generator[None]:
-    """Terminate the process in an orderly way after Ctrl-C or SIGTERM within the block.
+    """Terminate the process in an orderly way after Ctrl-C, SIGTERM or SIGHUP within the block.
 
     The process ends where `raise_if_interrupted` is called, after `GRACE_PERIOD` at the latest, or at once after a
     second signal. Its exit status is 128 plus the number of the signal. A signal that the process ignores, for example

@@ -32,6 +32,8 @@ MAX_LINES_OF_ERRORS = 20
 MAX_NORM_ERROR = 0.02  # of a quaternion
 MAX_COORDINATE = 1e4  # m, as `fields.Position`
 MAX_TIME = 1e5  # s, as `fields.Instant`
+MIN_STEP = 1e-6  # s between two poses; the spline of closer ones has no finite coefficients
+MAX_DIGITS = 30  # of a whole number, which is read exactly
 
 Column = Annotated[str, Field(strict=True, max_length=200)]
 
@@ -90,7 +92,8 @@ def expand(section: SampledFromFile, folder: Path) -> tuple[dict[str, Any], list
     try:
         content = bounded_read.read_bytes(folder / section.file, bounded_read.MAX_TABLE_BYTES)
         table = _read(section, enumerate(io.StringIO(content.decode("utf-8-sig"), newline=None), start=1))
-        t, p, R = _poses(section, table)
+        with np.errstate(all="ignore"):  # numbers that are not finite or too large are refused with their lines
+            t, p, R = _poses(section, table)
     except _TableError as error:
         return {}, [(location, f"{format_value(section.file)}: {line}") for line in str(error).splitlines()]
     except OSError as error:
@@ -100,7 +103,10 @@ def expand(section: SampledFromFile, folder: Path) -> tuple[dict[str, Any], list
     from colift.trajectories import smoothing_spline  # here, because SciPy's splines take long to import
 
     angle = None if section.deviation_deg is None else float(np.deg2rad(section.deviation_deg))
-    fit = smoothing_spline.fit_samples(t, p, R, section.deviation_m, angle)
+    try:
+        fit = smoothing_spline.fit_samples(t, p, R, section.deviation_m, angle)
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # a singular matrix
+        return {}, [(location, f"{format_value(section.file)}: no spline exists for these times ({error})")]
     wrong: list[ErrorMessage] = [
         (
             (name,),
@@ -193,7 +199,8 @@ def _add_row(
     for name, column in wanted.items():
         text = cells[column]
         try:  # times in nanoseconds have more digits than a float
-            values[name].append(int(text) if name in TIMES and text.lstrip("+-").isdecimal() else float(text))
+            whole = name in TIMES and len(text) <= MAX_DIGITS and text.lstrip("+-").isdecimal()
+            values[name].append(int(text) if whole else float(text))
         except ValueError:
             hint = "; the decimal separator is a point" if text.replace(",", "", 1).lstrip("+-").isdecimal() else ""
             yield f"line {number}: {name}: must be a number, got {format_value(text)}{hint}"
@@ -299,11 +306,15 @@ def _poses(section: SampledFromFile, table: _Table) -> tuple[np.ndarray, np.ndar
     wrong = [(row, "must have finite numbers") for row in np.flatnonzero(~finite)]
     far = np.abs(p).max(1) > MAX_COORDINATE
     wrong += [(row, f"the position must be within {MAX_COORDINATE:g} m") for row in np.flatnonzero(far)]
-    ordered = np.concatenate([[True], t[1:] > np.maximum.accumulate(t)[:-1]])
+    ordered = np.concatenate([[True], t[1:] - np.maximum.accumulate(t)[:-1] > MIN_STEP])
     if section.unordered_rows == "reject":
         hint = "; unordered_rows: skip leaves such poses out"
         wrong += [
-            (row, f"{clock}: must exceed that of line {lines[row - 1]}, {stamps[row - 1]}, got {stamps[row]}{hint}")
+            (
+                row,
+                f"{clock}: must exceed that of line {lines[row - 1]}, {stamps[row - 1]}, by {MIN_STEP:g} s, "
+                f"got {stamps[row]}{hint}",
+            )
             for row in np.flatnonzero(~ordered)
         ]
     if wrong:

@@ -20,6 +20,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq, merge_attrib
 from ruamel.yaml.error import YAMLError
 
+from colift.scenario import yaml_tree
 from colift.scenario.errors import ScenarioError, format_value
 from colift.scenario.former_settings import CONSTANTS, restructure, successor
 
@@ -297,13 +298,16 @@ def migrate_text(text: str) -> str:
         ScenarioError: If the text is not valid YAML, holds no mapping, states an unknown schema, or sets a value other
             than the default for a setting that no longer exists.
     """
+    yaml_tree.refuse_invalid(text)
     yaml = YAML()
+    yaml.composer.warn_double_anchors = False  # a name may be reused
     yaml.preserve_quotes = True
     yaml.width = 4096  # lines keep their length
     yaml.indent(mapping=2, sequence=4, offset=2)
     try:
-        data = yaml.load(text)
-    except YAMLError as error:
+        with yaml_tree.without_version_warnings():
+            data = yaml.load(text)
+    except (YAMLError, ValueError) as error:  # ValueError: a date that does not exist
         raise ScenarioError(f"not valid YAML: {' '.join(str(error).split())}") from None
     if not isinstance(data, CommentedMap):
         raise ScenarioError("a scenario is a mapping of settings")

@@ -6,13 +6,15 @@ cannot create other objects.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Generator
 from typing import Any, NoReturn
 
 from ruamel.yaml import YAML
 from ruamel.yaml.composer import MaxDepthExceededError
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
@@ -62,6 +64,21 @@ def read(text: str, file: str) -> Tree:
         reader.fail(1, "must be settings by name (`name: value`), one per line")
     data = reader.value(node, ())
     return Tree(file, data, reader.lines, reader.errors)
+
+
+def refuse_invalid(text: str) -> None:
+    """Raise ScenarioError with the line of the first error if a text has not the form that `read` accepts.
+
+    Args:
+        text: YAML text.
+    """
+    reader = _Reader(lambda line: f"line {line}")
+    node = reader.compose(text)
+    if not isinstance(node, MappingNode):
+        raise ScenarioError("a scenario is a mapping of settings")
+    reader.value(node, ())
+    for location, message in reader.errors[:1]:
+        reader.fail(Tree("", {}, reader.lines, []).line(location), message)
 
 
 def with_setting(tree: Tree, change: str) -> Tree:
@@ -312,10 +329,23 @@ class _Reader:
         if implied not in ("null", "bool", "int", "float"):  # dates and single merge keys are text
             return node.value
         try:
-            return self.yaml.constructor.construct_object(node)
+            with without_version_warnings():
+                return self.yaml.constructor.construct_object(node)
         except ValueError:
             self.errors.append((location, f"is not a number that can be read, got {format_value(node.value)}"))
             return None
+
+
+@contextlib.contextmanager
+def without_version_warnings() -> Generator[None]:
+    """Discard warnings about numbers such as `3e0` in files that state YAML 1.1; they are read as in YAML 1.2.
+
+    Yields:
+        Nothing.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MantissaNoDotYAML1_1Warning)
+        yield
 
 
 def _is(node: Node, kind: str) -> bool:

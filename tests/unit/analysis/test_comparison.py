@@ -76,19 +76,29 @@ def test_settings_of_plugins_are_compared_as_text(runs):
 
 
 def test_folders_that_are_no_runs_have_one_line_each(tmp_path):
-    good, empty, damaged, foreign = (tmp_path / name for name in ("good", "empty", "damaged", "foreign"))
+    names = ("good", "empty", "damaged", "shortened", "foreign")
+    good, empty, damaged, shortened, foreign = (tmp_path / name for name in names)
     make(good, {"C1": 0.1})
     empty.mkdir()
     make(damaged, {"C1": 0.1})
     written(damaged, {"C1": metrics(e_p_rms_m="x")})
+    make(shortened, {"C1": 0.1})
+    written(shortened, {"C1": {key: value for key, value in metrics().items() if key != "complete"}})
     make(foreign, {"C1": 0.1})
     written(foreign, {"C1": metrics()}, run="colift-run-ba9876543210")
-    folders = [good, empty, damaged, foreign, tmp_path / "missing", good]
+    folders = [good, empty, damaged, shortened, foreign, tmp_path / "missing", good]
     with pytest.raises(ValueError, match="given twice") as caught:
         comparison.load_runs(folders, CASES, ("C3",))
     lines = str(caught.value).splitlines()
-    expected = ("given twice", "contains no summary.json", "is damaged", "contains flights of", "is no folder")
-    assert len(lines) == 6
+    expected = (
+        "given twice",
+        "contains no summary.json",
+        "is damaged",
+        "no entry 'complete'",
+        "contains flights of",
+        "is no folder",
+    )
+    assert len(lines) == 7
     for line, part in zip(lines, (*expected, "no folder contains case C3"), strict=True):
         assert part in line
     with pytest.raises(ValueError, match="two folders"):

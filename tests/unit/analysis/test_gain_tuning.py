@@ -5,6 +5,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import signal
+import subprocess
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +20,7 @@ from typer.testing import CliRunner
 
 from colift import scenario
 from colift.analysis import gain_tuning, stability
+from colift.cli import scenario as scenario_commands
 from colift.cli.app import app
 from colift.closed_loop import flight as flight_module
 from colift.runtime import signals
@@ -355,14 +359,91 @@ def test_interrupted_command_writes_best_gains_so_far(tmp_path: Path, monkeypatc
             better(each)
         raise signals.Interrupted
 
-    for found in ((), (light_design(), best)):
+    for found, expected in (((), light.settings()), ((light_design(), best), best.settings)):
+        out.unlink(missing_ok=True)
         monkeypatch.setattr(gain_tuning, "tune", functools.partial(ended, found=found))
         with pytest.raises(signals.Interrupted):
             CliRunner().invoke(app, ["tune", str(made), "--out", str(out)])
-        assert out.exists() == bool(found)
-    assert scenario.load_scenario(out) == best.settings
+        assert out.read_text().startswith("# colift tune: the search is not complete")
+        assert scenario.load_scenario(out) == expected
     nowhere = CliRunner().invoke(app, ["tune", str(made), "--out", str(tmp_path / "none" / "tuned.yaml")])
     assert (nowhere.exit_code, nowhere.stderr.count("\n")) == (2, 1)
+
+
+def best_gains(tmp_path: Path) -> scenario_commands.BestGains:
+    return scenario_commands.BestGains(light_design().settings, None, tmp_path / "tuned.yaml")
+
+
+def improved(step: float) -> gain_tuning.LoopDesign:
+    """The light design with other gains."""
+    changed = gain_tuning.scale_gains(light_design().settings, np.full(6, step))
+    return dataclasses.replace(light_design(), settings=changed)
+
+
+def test_every_improvement_is_in_the_file(tmp_path: Path):
+    """A process that is killed leaves the last improvement."""
+    best = best_gains(tmp_path)
+    for step in (0.1, 0.2):
+        best.update(improved(step))
+        assert scenario.load_scenario(best.out) == improved(step).settings
+        assert best.out.read_text().startswith(scenario_commands.INCOMPLETE_SEARCH)
+    best.save(complete=True)
+    assert "not complete" not in best.out.read_text()
+    assert [file.name for file in tmp_path.iterdir()] == ["tuned.yaml"]
+
+
+def test_a_file_of_another_program_is_not_replaced(tmp_path: Path):
+    best = best_gains(tmp_path)
+    best.out.write_text("mine")
+    with pytest.raises(FileExistsError, match="File exists"):
+        best.update(improved(0.1))
+    assert best.out.read_text() == "mine"
+
+
+def test_forced_termination_writes_the_best_gains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The function that another thread calls writes after a signal only, and never after the end of the search."""
+    best = best_gains(tmp_path)
+    best.save_if_interrupted()
+    assert not best.out.exists()
+    monkeypatch.setattr(signals, "_received", [signal.SIGHUP])
+    best.best = improved(0.1).settings
+    best.save_if_interrupted()
+    assert scenario.load_scenario(best.out) == improved(0.1).settings
+    best.save(complete=True)
+    before = best.out.read_text()
+    best.save_if_interrupted()
+    assert best.out.read_text() == before
+
+
+HANGUP = """
+import os, signal, sys, time
+from pathlib import Path
+from colift.cli.scenario import BestGains
+from colift.runtime import signals
+from tests.support import small_team
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored under nohup
+signals.GRACE_PERIOD = 0.2
+best = BestGains(small_team.settings(), None, Path(sys.argv[1]))
+with signals.handle_signals(), signals.on_exit(best.save_if_interrupted):
+    os.kill(os.getpid(), signal.SIGHUP)
+    while True:  # no check point, as in the solver of a linearization
+        time.sleep(0.01)
+"""
+
+
+def test_a_closed_terminal_leaves_the_best_gains(tmp_path: Path):
+    out = tmp_path / "tuned.yaml"
+    done = subprocess.run(
+        [sys.executable, "-c", HANGUP, str(out)],
+        cwd=Path(__file__).parents[3],  # of the module `tests`
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 128 + signal.SIGHUP, done.stderr
+    assert out.read_text().startswith(scenario_commands.INCOMPLETE_SEARCH)
+    assert scenario.load_scenario(out) == light.settings()
 
 
 def test_search_reports_best_design_so_far():

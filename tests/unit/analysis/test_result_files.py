@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 import json
 
 import pytest
 
 from colift.analysis import result_files
+from tests.support import summaries
 
 BODY = {"exceeded_share": {"plain": 0.1, "force": 0.0}, "tightness_median": 4.0, "beta": [2.0]}
 METRICS = {
@@ -183,3 +185,39 @@ def test_other_files_are_refused_in_one_line(tmp_path, text, message):
         result_files.load_summary(path)
     assert message in str(error.value)
     assert len(str(error.value).splitlines()) == 1
+
+
+DAMAGES = [
+    ("cases.C1.e_p_rms_m", "0.1", "not a number or null"),
+    ("cases.C1.e_p_rms_m", True, "not a number or null"),
+    ("cases.C1.e_p_rms_m", 10**400, "a whole number of 1329 bits, not a number"),
+    ("cases.C1.complete", "yes", "not true or false"),
+    ("cases.C1.warnings", [5], "cases.C1.warnings.0 is 5, not a text"),
+    ("cases.C1.error_bound.payload", [], "cases.C1.error_bound.payload is \\[\\], not an object"),
+    ("cases", 5, "cases is 5, not a list or an object"),
+    ("seed", 1.5, "seed is 1.5, not a whole number"),
+    ("versions", "3.11", "versions is '3.11', not a list or an object"),
+    ("slowest_mode", "stable", "slowest_mode is 'stable', not an object"),
+    ("schema", "2", "is of schema '2'"),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "reason"), DAMAGES)
+def test_a_summary_with_wrong_types_is_refused(tmp_path, place, value, reason):
+    content = json.loads(json.dumps(summaries.SUMMARY | {"cases": {"C1": summaries.metrics()}}))
+    path = tmp_path / "summary.json"
+    path.write_text(json.dumps(content))
+    result_files.load_summary(path)
+    *keys, last = place.split(".")
+    functools.reduce(dict.__getitem__, keys, content)[last] = value
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=reason) as refused:
+        result_files.load_summary(path)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_optional_sections_may_be_null(tmp_path):
+    path = tmp_path / "summary.json"
+    path.write_text(json.dumps(summaries.SUMMARY | {"cases": {}, "slowest_mode": None}))
+    assert result_files.load_summary(path)["slowest_mode"] is None

@@ -53,9 +53,9 @@ def test_certificate_without_study_is_a_run(tmp_path):
         (json.dumps({"cases": {}, "schema": 9}), "schema 9"),
         (json.dumps(SUMMARY | {"cases": {"C1": {}}}), "no entry 'complete'"),
         (json.dumps(SUMMARY | {"cases": []}), "damaged"),
-        (json.dumps(SUMMARY | {"cases": {"C1": metrics(e_p_rms_m="<b>")}}), "'<b>' is not a number"),
+        (json.dumps(SUMMARY | {"cases": {"C1": metrics(e_p_rms_m="<b>")}}), "e_p_rms_m is '<b>', not a number"),
         (json.dumps(SUMMARY | {"cases": {"C1": metrics(e_p_rms_m=10**400)}}), "damaged"),
-        (json.dumps(SUMMARY | {"cases": {}, "seed": "1"}), "seed is '1', not an integer"),
+        (json.dumps(SUMMARY | {"cases": {}, "seed": "1"}), "seed is '1', not a whole number"),
     ],
 )
 def test_damaged_summary_has_a_reason_in_one_line(tmp_path, text, reason):

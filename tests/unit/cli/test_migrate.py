@@ -66,11 +66,14 @@ def test_migrate_check_writes_nothing(old: Path):
 @pytest.mark.parametrize(
     ("text", "answer"),
     [
-        ("a: [1", " not valid YAML"),
+        ("a: [1", " line 1: not valid YAML"),
         ("- 1\n", " a scenario is a mapping of settings"),
         ("schema: 7\n", " schema: must be 1 or 2, got 7"),
         (b"\xff", "1: not UTF-8 text (byte 0)"),
         (None, " No such file or directory"),
+        ("a: 2001-99-99\n", " not valid YAML: month must be"),
+        ("a: 1\nb: !!set {x}\n", " line 2: tags are not used in a scenario"),
+        ("a: 1\n" + "# long\n" * 300_000, " line 1: holds more than 2000000 characters"),
     ],
 )
 def test_migrate_reports_unreadable_files(text: str | bytes | None, answer: str, old: Path):
@@ -81,6 +84,12 @@ def test_migrate_reports_unreadable_files(text: str | bytes | None, answer: str,
     assert (status, errors.count("\n")) == (2, 1)
     assert f"{bad}:{answer}" in errors
     assert old.read_text() == OLD
+
+
+def test_an_anchor_with_a_second_value_is_migrated(recwarn: pytest.WarningsRecorder):
+    """ruamel.yaml would print four lines for each of them."""
+    assert migrate_text("a: &x 1\nb: &x 2\nc: *x\n") == "schema: 2\na: &x 1\nb: &x 2\nc: *x\n"
+    assert not recwarn.list
 
 
 def test_migrate_reports_unusable_options(old: Path):

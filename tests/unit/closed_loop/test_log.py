@@ -121,7 +121,7 @@ def test_sigma_norms_are_frobenius_norms(rng):
 
 @pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED, flights.PAPER._replace(time=1, eta=0)])
 def test_file_round_trip_is_bit_exact(rng, shape, tmp_path):
-    ds = flights.dataset(rng, shape, update_times_s=[], version="0.1.0")
+    ds = flights.dataset(rng, shape, update_times_s=[], version="0.1.0", complete=0)
     ds.lam[0, 0, 0] = np.nan  # a run that stopped
     ds.lam[0, 0, 1] = -np.inf
     log.save(ds, tmp_path / "C3.nc")
@@ -204,10 +204,66 @@ def test_other_files_are_refused(rng, tmp_path):
         log.load(tmp_path / "C3.nc")
     log.save(flights.dataset(rng), tmp_path / "C3.nc")
     whole = (tmp_path / "C3.nc").read_bytes()
-    for content in (b"", b"no NetCDF", whole[: len(whole) // 2]):
+    # h5netcdf prints a traceback if HDF5 refuses the header; the settings of the tests make this an error
+    for content in (b"", b"no NetCDF", whole[: len(whole) // 2], whole[:8] + bytes(56) + whole[64:]):
         (tmp_path / "C3.nc").write_bytes(content)
         with pytest.raises(ValueError, match=r"C3\.nc: not a NetCDF-4 file"):
             log.load(tmp_path / "C3.nc")
+
+
+def without(name):
+    return lambda ds: ds.drop_vars(name)
+
+
+def with_value(name, value):
+    def changed(ds):
+        ds[name].values[(1,) * ds[name].ndim] = value
+        return ds
+
+    return changed
+
+
+DAMAGES = {
+    "the variable e_p is missing": without("e_p"),
+    "the variable sigma_f_L_force is missing": without("sigma_f_L_force"),
+    "the variable r is missing": without("r"),
+    "the coordinate time is missing or has a wrong type": without("time"),
+    "the coordinate agent is missing": without("agent"),
+    "joint and joint_order must come together": without("joint_order"),
+    "the variable p has the dimensions": lambda ds: ds.assign(p=ds.p.isel(axis=0, drop=True)),
+    "the variable p contains no numbers": lambda ds: ds.assign(p=ds.p.astype(str)),
+    "the variable lam has 1 values that are not finite": with_value("lam", np.nan),
+    "the variable u has 1 values that are not finite": with_value("u", -np.inf),
+    "finite and increasing times": lambda ds: ds.assign_coords(time=ds.time.values[::-1]),
+    "time_sigma exceeds the times": lambda ds: ds.assign_coords(time_sigma=ds.time_sigma.values + 1.0),
+    "different names": lambda ds: ds.assign_coords(agent=["a"] * ds.sizes["agent"]),
+    "it has no time": lambda ds: ds.isel(time=slice(0, 0)),
+    "the attribute T_end_s is missing": lambda ds: ds.assign_attrs(T_end_s=None),
+    "T_end_s is 'late', not a finite number": lambda ds: ds.assign_attrs(T_end_s="late"),
+    "the attribute T_end_s has 2 numbers": lambda ds: ds.assign_attrs(T_end_s=[1.0, 2.0]),
+    "the attribute case is .*, not a text": lambda ds: ds.assign_attrs(case=5),
+    "scenario_json is not the JSON of a scenario": lambda ds: ds.assign_attrs(scenario_json="[1"),
+    "update_times_s is .*, not a finite number": lambda ds: ds.assign_attrs(update_times_s=[1.0, np.nan]),
+    "schema 4": lambda ds: ds.assign_attrs(schema=4),
+    "damaged: ": lambda ds: ds.assign_attrs(schema=[3, 3]),
+}
+
+
+@pytest.mark.parametrize("reason", DAMAGES)
+def test_a_damaged_log_is_refused_in_one_line(tmp_path, reason):
+    ds = DAMAGES[reason](flights.dataset(np.random.default_rng(5)))
+    ds.attrs = {name: value for name, value in ds.attrs.items() if value is not None}
+    ds.to_netcdf(tmp_path / "C3.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match=reason) as refused:
+        log.load(tmp_path / "C3.nc")
+    assert str(refused.value).startswith(f"{tmp_path / 'C3.nc'}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_an_incomplete_flight_may_end_with_nan(tmp_path):
+    ds = with_value("lam", np.nan)(flights.dataset(np.random.default_rng(5), complete=0))
+    log.save(ds, tmp_path / "C3.nc")
+    assert np.isnan(log.load(tmp_path / "C3.nc").lam.values[1, 1, 1])
 
 
 def test_a_pipe_in_place_of_a_log_is_refused(tmp_path):

@@ -13,7 +13,8 @@ def made(shape, **attrs):
     """A random flight: today's log of it, and what older versions wrote."""
     rng = np.random.default_rng(4)
     rows, sigma = flights.rows(rng, shape), flights.sigma(rng, shape)
-    attrs = {"scenario_json": old_logs.scenario_json(shape), "termination_reason": "limit", "refits": "2 s"} | attrs
+    stated = {"termination_reason": "limit", "refits": "2 s", "update_times_s": [0.02, 0.05], "T_end_s": 0.05}
+    attrs = {"scenario_json": old_logs.scenario_json(shape)} | stated | attrs
     new = log.dataset(rows, team=shape.team, sigma=sigma, attrs=attrs, **shape.names)
     return new, old_logs.schema_2(rows, sigma, shape, **attrs)
 

@@ -35,8 +35,10 @@ def test_each_table_and_each_result_is_on_a_page():
     used = {name for path in status.pages(ROOT) for name in results_tables.MARKER.findall(path.read_text())}
     assert {name for name in results_tables.TABLES if not name.endswith(".readme")} <= used
     quoted = {name for path in PAGES for name in status.quoted(path.read_text())}
-    # decision 0061 describes the proof of the renaming, docs/versions.md that of the environments
-    assert quoted | {"environments", "renaming"} == set(__main__.module_names())
+    # decision 0061 describes the proof of the renaming, docs/versions.md that of the environments, and decisions 0018,
+    # 0019, 0023 and 0029 those of damaged, interrupted and invalid files
+    described = {"environments", "renaming", "damage", "file_faults", "fuzz", "handover", "sanitizers"}
+    assert quoted | described == set(__main__.module_names())
 
 
 @pytest.mark.parametrize("path", [path for path in MARKED if path not in PAGES], ids=lambda path: path.name)

@@ -56,6 +56,10 @@ def test_text_that_is_not_utf_8_is_refused_with_its_line(tmp_path: Path):
         ("[1]", "no object"),
         ("[" * 100_000, "nested too deeply"),
         ("", "file:1: not JSON"),
+        ('{"a": NaN}', r"file: not JSON \(NaN is no number\)"),
+        ('{"a": [-Infinity]}', "-Infinity is no number"),
+        ('{"a": "\\ud800"}', "a text with a lone surrogate"),
+        ('{"a": ' + "9" * 5000 + "}", "file: not JSON"),
     ],
 )
 def test_other_content_than_a_json_object_is_refused(tmp_path: Path, text: str, reason: str):

@@ -49,8 +49,8 @@ def write(out: Path, run: str, name: str, replace: bool = False) -> None:
         atomic_write.write_atomic(folder.path / name, f"new, of the run {run}.\n".encode())
 
 
-def end_with(error: type[BaseException], out: Path, keep_on_interrupt: bool = False) -> None:
-    with run_directory.stage_run_directory(out, A, NAMES, keep_on_interrupt=keep_on_interrupt) as folder:
+def end_with(error: type[BaseException], out: Path, **options: bool) -> None:
+    with run_directory.stage_run_directory(out, A, NAMES, **options) as folder:
         (folder.path / "C2.nc").write_text(A)
         raise error
 
@@ -122,6 +122,21 @@ def test_partial_results_are_kept_on_request(out: Path):
     with pytest.raises(signals.Interrupted):
         end_with(signals.Interrupted, out, keep_on_interrupt=True)
     assert names(out) == {"C2.nc"}
+
+
+def test_partial_results_do_not_replace_those_of_another_run(out: Path):
+    fill(out, B, ("C1.nc",))
+    with pytest.raises(signals.Interrupted):
+        end_with(signals.Interrupted, out, keep_on_interrupt=True, replace=True)
+    assert names(out) == {"C1.nc"}
+
+
+def test_written_files_are_those_of_the_command(out: Path):
+    fill(out, A, ("C1.nc", "C2.nc"))
+    with run_directory.stage_run_directory(out, A, NAMES) as folder:
+        for name in ("C2.nc", "C3.nc"):
+            atomic_write.write_atomic(folder.path / name, A.encode())
+        assert run_directory.written_files(folder, NAMES) == ["C2.nc", "C3.nc"]
 
 
 def test_without_exchange_two_renames_are_used(out: Path, monkeypatch: pytest.MonkeyPatch):

@@ -16,6 +16,7 @@ BEGIN = """
 import gc, os, signal, sys, threading, time
 from colift.runtime import signals
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored under nohup
 def ask(number=signal.SIGINT):
     os.kill(os.getpid(), number)
 def work():
@@ -32,7 +33,7 @@ def run_to_end(code: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_work_ends_at_a_check_point_and_cleans_up(number: signal.Signals):
     done = run_to_end(f"""
 with signals.handle_signals(), signals.on_exit(lambda: print("cleared")):

@@ -177,7 +177,9 @@ GOOD = "0,0,0,1\n1,1,0,1\n"
         (f"{HEAD}\n{GOOD}2,0,1\n", "", "line 4: must have 4 values, got 3"),
         (f"{HEAD}\n{GOOD}2,nan,0,1\n", "", "line 4: must have finite numbers"),
         (f"{HEAD}\n{GOOD}2,1e5,0,1\n", "", "line 4: the position must be within 10000 m"),
-        (f"{HEAD}\n{GOOD}1,0,0,1\n", "", "line 4: time_s: must exceed that of line 3, 1, got 1; unordered_rows: skip"),
+        (f"{HEAD}\n{GOOD}1,0,0,1\n", "", "line 4: time_s: must exceed that of line 3, 1, by 1e-06 s, got 1; unord"),
+        (f"{HEAD}\n0,0,0,1\n5e-324,0,0,1\n1,0,0,1\n", "", "line 3: time_s: must exceed that of line 2, 0, by 1e-06 s"),
+        (f"{HEAD}\n{GOOD}{'9' * 400},0,0,1\n", "", "line 4: must have finite numbers"),
         ("time_s;x_m;y_m;z_m\n0;0,5;0;1\n", "", "line 2: x_m: must be a number, got '0,5'; the decimal separator is a"),
         (
             f"{HEAD},qw,qx,qy,qz\n0,0,0,1,1,1,0,0\n1,0,0,1,1,0,0,0\n",

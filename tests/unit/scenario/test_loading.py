@@ -591,3 +591,10 @@ def test_settings_page_is_up_to_date():
     assert not missing, "settings without a description"
     cells = [line.split("|")[2] for line in lines.split("## Ranges")[0].splitlines() if line.startswith("| `")]
     assert not [cell for cell in cells if re.search(r"number(?! from | between )", cell)], "numbers without a range"
+
+
+def test_a_file_of_yaml_1_1_gives_no_warnings(recwarn: pytest.WarningsRecorder):
+    """ruamel.yaml would print eleven lines for each number such as `3e1`."""
+    settings = scenario.parse("%YAML 1.1\n---\nschema: 2\nextends: hover\nduration_s: 3e1\n", "s.yaml")
+    assert settings.duration_s == 30
+    assert not recwarn.list

@@ -232,14 +232,20 @@ MESH = 'vertex="0 0 0 1 0 0 0 1 0 0 0 1"'
             "'w' closes a loop",
         ),
         ("<mujoco>", "<mujoco><x/>", "MuJoCo: "),
+        ('mass="0.15"', 'mass="nan"', ""),
+        ('pos="0 0 -0.16"', 'pos="0 nan -0.16"', "'elbow' has a pose, axis or limit that is not finite or too large"),
+        ('mass="0.1"', 'mass="1e300"', "body 'fore' has a mass or inertia that is not finite or too large"),
     ],
 )
-def test_an_mjcf_file_without_a_vehicle_is_refused(written: str, instead: str, answer: str, tmp_path: Path) -> None:
+def test_an_mjcf_file_without_a_vehicle_is_refused(
+    written: str, instead: str, answer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("mujoco")
-    made, done = init_mjcf(tmp_path, MJCF.replace(written, instead, 1))
+    monkeypatch.chdir(tmp_path)
+    _, done = init_mjcf(tmp_path, MJCF.replace(written, instead, 1))
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
     assert answer in done.stderr
-    assert not made.exists()
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["vehicle.xml"]  # neither a scenario nor a log of MuJoCo
 
 
 MESH_GEOM = '<geom type="mesh" mesh="m" mass="1"/></body></body></body></worldbody>'
