@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from rich.console import Console
 
+from colift.cli import progress
 from colift.runtime import signals
 
 if TYPE_CHECKING:
@@ -124,33 +125,34 @@ def discard_output() -> None:
 
 
 @contextlib.contextmanager
-def show_progress(activity: str, quiet: bool = False) -> Generator[Callable[[str], None]]:
-    """Show an activity and its current stage on standard error.
+def show_progress(
+    activity: str, quiet: bool = False, schedule: progress.Schedule = (), limit: bool = False
+) -> Generator[progress.Report]:
+    """Show an activity with its current step, elapsed time and time left on standard error.
 
-    On a terminal, one line is updated. Elsewhere, each stage is printed on a line.
+    On a terminal, one line is updated. Elsewhere, a line is printed at the start and every `progress.LINE_PERIOD`.
 
     Args:
         activity: Description of the activity.
         quiet: Print nothing.
+        schedule: Steps in their order with their shares of the time.
+        limit: True if the time left is at most the estimate.
 
     Yields:
-        Function that takes the name of the stage that begins. It raises `signals.Interrupted` on a request to end.
+        Function that takes the name of the step that begins and the completed share. It raises `signals.Interrupted`
+        on a request to end.
     """
     if quiet:
-        yield lambda _stage: signals.raise_if_interrupted()
+        yield _check_only
         return
-    with error_console.status(activity, spinner="line") as status:
+    with progress.show_activity(error_console, activity, schedule, limit) as shown:
+        yield shown.report
 
-        def report(stage: str) -> None:
-            signals.raise_if_interrupted()
-            if error_console.is_terminal:
-                status.update(f"{activity}: {stage}")
-            else:
-                print_status(f"{activity}: {stage}")
 
-        if not error_console.is_terminal:
-            print_status(activity)
-        yield report
+def _check_only(step: str, share: float | None = None) -> None:
+    """Raise Interrupted on a request to end; print nothing."""
+    del step, share
+    signals.raise_if_interrupted()
 
 
 def print_page(message: str, page: Path, open_browser: bool) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,13 @@ from colift.runtime import bounded_read, signals
 
 NAME_WIDTH = 16  # characters of the names in `colift list`
 SUBJECT_WIDTH = 10  # characters before the findings in `colift check`
+
+CHECK_SCHEDULE = (("team", 1.0), ("linearization at equilibrium", 3.0), ("linearization at equilibrium, true", 3.0))
+"""Steps of `colift check` with their shares of the time; a search for corrections follows."""
+EVALUATIONS = re.compile(r"(\d+) of at most (\d+) (linearizations|simulations)")
+"""Number of evaluations in the steps of `colift tune`."""
+LINEARIZATION_SHARE = 0.4
+"""Share of the linearizations in the time of `colift tune`; the simulations follow."""
 
 if TYPE_CHECKING:
     from colift.analysis.gain_tuning import EvaluationBudget, LoopDesign
@@ -175,7 +183,7 @@ def check(
     signals.raise_if_interrupted()
     try:
         settings = common.load_settings(name, overrides)
-        with common.show_progress(f"checking {settings.name}", quiet) as progress:
+        with common.show_progress(f"checking {settings.name}", quiet, CHECK_SCHEDULE) as progress:
             found = preflight.run_preflight(settings, progress)
     except (scenario.ScenarioError, OSError) as error:
         common.fail(error)
@@ -260,8 +268,10 @@ def _search_gains(
 
     best: list[LoopDesign] = []
     try:
-        with common.show_progress(f"tuning {settings.name}", quiet) as progress:
-            before, after, budget = gain_tuning.tune(settings, progress, best.append)
+        with common.show_progress(f"tuning {settings.name}", quiet, limit=True) as progress:
+            before, after, budget = gain_tuning.tune(
+                settings, lambda step: progress(step, tuning_share(step)), best.append
+            )
             best.append(after)
             progress("flights with both")
             values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
@@ -272,3 +282,14 @@ def _search_gains(
         common.print_warning(f"interrupted; {note}")
         raise
     return before, after, budget, values
+
+
+def tuning_share(step: str) -> float | None:
+    """Return the completed share of `colift tune` from the number of evaluations in a step; None if it has none."""
+    found = EVALUATIONS.search(step)
+    if found is None:
+        return None
+    share = int(found[1]) / int(found[2])
+    if found[3] == "linearizations":
+        return LINEARIZATION_SHARE * share
+    return LINEARIZATION_SHARE + (1 - LINEARIZATION_SHARE) * share

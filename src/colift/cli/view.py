@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 import webbrowser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from colift.cli import certify, common, tables
 from colift.runtime import signals
+
+if TYPE_CHECKING:
+    from colift.visualization.camera import Camera
+    from colift.visualization.rendering import Framing, RenderData
 
 StudyArgument = Annotated[
     Path, typer.Argument(metavar="OUT", help="Folder that `colift study` or `colift run` has written.")
@@ -21,6 +26,7 @@ StudyArgument = Annotated[
 def playback(
     out: StudyArgument,
     open_page: common.OpenOption = False,
+    *,
     image: Annotated[
         Path | None, typer.Option("--image", metavar="FILE", help="Write an image instead: PNG, PDF or SVG.")
     ] = None,
@@ -40,17 +46,49 @@ def playback(
             autocompletion=common.complete_case,
         ),
     ] = None,
+    size: Annotated[
+        str | None,
+        typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the image or video in pixels, such as 1280x720."),
+    ] = None,
+    view: Annotated[
+        str,
+        typer.Option(
+            "--view",
+            metavar="VIEW",
+            help="Direction of view: oblique, front, side, top, or AZIMUTH,ELEVATION in degrees, such as 30,20.",
+        ),
+    ] = "oblique",
+    follow: Annotated[
+        bool | None,
+        typer.Option(
+            "--follow/--whole",
+            help="Follow the payload, or show the whole flight; default: whole if the team fills 40 % of the height.",
+            show_default=False,
+        ),
+    ] = None,
+    start: Annotated[
+        float, typer.Option("--from", metavar="SECONDS", help="Time in the flight at which the video begins.")
+    ] = 0.0,
+    end: Annotated[
+        float | None,
+        typer.Option(
+            "--to", metavar="SECONDS", help="Time in the flight at which the video ends; default: end of the flight."
+        ),
+    ] = None,
 ) -> None:
-    """Write an interactive page that plays back the flights of a study.
+    """Write an interactive page that plays back the flights of a study, or an image or a video of them.
 
     The page is OUT/playback.html and requires no network (docs/playback.md).
     """
     from colift.scenario import experiment
-    from colift.visualization import playback
+    from colift.visualization import camera, playback, rendering
 
     try:
         if image or video:
-            _render(out, common.parse_cases(cases or ["C3"]), experiment.ALL_CASES, image, at, video, speed)
+            framing = rendering.Framing(size=parse_size(size), follow=follow, start=start, end=end)
+            requested = common.parse_cases(cases or ["C3"])
+            data = _render_data(out, requested, experiment.ALL_CASES, camera.parse_view(view))
+            _render(data, image, at, video, speed, framing)
             return
         page = playback.write(out, experiment.ALL_CASES)
     except (ValueError, OSError) as error:
@@ -58,25 +96,28 @@ def playback(
     common.print_page(f"the flights are in {page}", page, open_page)
 
 
-def _render(
-    out: Path,
-    cases: Sequence[str],
-    titles: Mapping[str, str],
-    image: Path | None,
-    at: float,
-    video: Path | None,
-    speed: float,
-) -> None:
-    """Write an image, a video or both of some cases.
+def parse_size(text: str | None) -> tuple[int, int] | None:
+    """Return the width and height of a text such as ``1280x720``; None for None.
+
+    Raises:
+        ValueError: If the text has another form.
+    """
+    if text is None:
+        return None
+    numbers = text.lower().split("x")
+    if len(numbers) != 2 or not all(number.isdecimal() for number in numbers):
+        raise ValueError(f"--size {text}: must be WIDTHxHEIGHT in pixels, such as 1280x720")
+    return int(numbers[0]), int(numbers[1])
+
+
+def _render_data(out: Path, cases: Sequence[str], titles: Mapping[str, str], direction: Camera) -> list[RenderData]:
+    """Return the drawing data of some cases of a folder.
 
     Args:
         out: Folder of the study.
         cases: Identifiers of the cases.
         titles: Descriptions of all cases.
-        image: File of the image.
-        at: Time of the image [s].
-        video: File of the video.
-        speed: Speed of the video relative to real time.
+        direction: Camera of all images.
 
     Raises:
         ValueError: If the folder holds no log of a case.
@@ -88,13 +129,36 @@ def _render(
     if missing := [case for case in cases if case not in found]:
         raise ValueError(f"{out} holds {', '.join(found)}, not {', '.join(missing)}: choose by --case")
     data = [rendering.render_data(found[case], axes.case_label(case, titles)) for case in cases]
+    return [dataclasses.replace(each, camera=direction) for each in data]
+
+
+def _render(
+    data: Sequence[RenderData], image: Path | None, at: float, video: Path | None, speed: float, framing: Framing
+) -> None:
+    """Write an image, a video or both.
+
+    Args:
+        data: Drawing data of each case.
+        image: File of the image.
+        at: Time of the image [s].
+        video: File of the video.
+        speed: Speed of the video relative to real time.
+        framing: Size, view and time span.
+    """
+    from colift.visualization import rendering
+
     if image:
-        rendering.render_image(data, at, image)
+        rendering.render_image(data, at, image, framing)
     if video:
-        with common.show_progress(f"rendering {video}"):
-            rendering.render_video(data, video, speed)
+        with common.show_progress(f"rendering {video}") as progress:
+
+            def report(done: int, total: int) -> None:
+                progress(f"frame {done + 1} of {total}", done / total)
+
+            rendering.render_video(data, video, speed, framing=framing, progress=report)
     with common.guard_output():
-        print(f"{', '.join(cases)}: {', '.join(str(file) for file in (image, video) if file)}")
+        cases = ", ".join(case.case for case in data)
+        print(f"{cases}: {', '.join(str(file) for file in (image, video) if file)}")
 
 
 def live(

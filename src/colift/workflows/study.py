@@ -46,8 +46,8 @@ STUDY_FILES = (
 CERTIFICATE_FILES = (
     "certificate.json",
     "falsification.json",
-    "figure_6_certificate.pdf",
-    "figure_6_certificate.png",
+    "figure_6_*.pdf",
+    "figure_6_*.png",
 )
 
 
