@@ -61,6 +61,28 @@ def print_status(message: str) -> None:
     error_console.print(message, markup=False)
 
 
+_interruption_reported: list[bool] = []
+
+
+def report_interruption(note: str = "") -> None:
+    """Print one line on a request to end the process, at the first call only.
+
+    Args:
+        note: Text after the first word, such as the state of the results.
+    """
+    if not _interruption_reported:
+        _interruption_reported.append(True)
+        print_warning(f"interrupted; {note}" if note else "interrupted")
+
+
+def report_pending_interruption() -> None:
+    """Print one line if the process is requested to end and nothing has been printed about it."""
+    try:
+        signals.raise_if_interrupted()
+    except signals.Interrupted:
+        report_interruption()
+
+
 def exit_with(status: int) -> NoReturn:
     """End the command with an exit status."""
     raise typer.Exit(status)
@@ -126,7 +148,12 @@ def discard_output() -> None:
 
 @contextlib.contextmanager
 def show_progress(
-    activity: str, quiet: bool = False, schedule: progress.Schedule = (), limit: bool = False
+    activity: str,
+    quiet: bool = False,
+    schedule: progress.Schedule = (),
+    limit: bool = False,
+    tail: float = 0.0,
+    announce: bool = True,
 ) -> Generator[progress.Report]:
     """Show an activity with its current step, elapsed time and time left on standard error.
 
@@ -137,6 +164,8 @@ def show_progress(
         quiet: Print nothing.
         schedule: Steps in their order with their shares of the time.
         limit: True if the time left is at most the estimate.
+        tail: Estimated time after the completed share has become 1 [s].
+        announce: Whether a plain line is printed at the start; False for commands that are short in general.
 
     Yields:
         Function that takes the name of the step that begins and the completed share. It raises `signals.Interrupted`
@@ -145,7 +174,7 @@ def show_progress(
     if quiet:
         yield _check_only
         return
-    with progress.show_activity(error_console, activity, schedule, limit) as shown:
+    with progress.show_activity(error_console, activity, schedule, limit, tail, announce) as shown:
         yield shown.report
 
 
@@ -447,7 +476,7 @@ def open_results(
             except signals.Interrupted:
                 kept = keep_on_interrupt and run_directory.list_files(folder.path, STUDY_FILES + CERTIFICATE_FILES)
                 note = "completed parts are in" if kept else "nothing was written to"
-                print_warning(f"interrupted; {note} {folder.target}")
+                report_interruption(f"{note} {folder.target}")
                 raise
     except (scenario.ScenarioError, codegen.CompilerError, OSError) as error:
         fail(error)

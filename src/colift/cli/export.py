@@ -117,7 +117,7 @@ def _export_flights(out: Path, kind: str, convert: Callable[[xr.Dataset], bytes]
         files = {f"{case}.{kind}": ds for case, ds in found.items()}
         with (
             run_directory.stage_run_directory(out, run, tuple(files)) as folder,
-            common.show_progress(f"exporting {out}") as progress,
+            common.show_progress(f"exporting {out}", announce=False) as progress,
         ):
             for k, (file, ds) in enumerate(files.items()):
                 progress(file, k / len(files))

@@ -62,7 +62,12 @@ class ActivityProgress:
     """
 
     def __init__(
-        self, activity: str, schedule: Schedule = (), limit: bool = False, clock: Callable[[], float] = time.monotonic
+        self,
+        activity: str,
+        schedule: Schedule = (),
+        limit: bool = False,
+        tail: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Begin an activity.
 
@@ -70,12 +75,13 @@ class ActivityProgress:
             activity: Description of the activity.
             schedule: Steps in their order with their shares of the time.
             limit: True if the share is a lower bound, so that the time left is at most the estimate.
+            tail: Estimated time after the share has become 1 [s].
             clock: Function that returns the time [s].
         """
         self._activity, self._clock, self._begin = activity, clock, clock()
         self._step, self._share, self._step_end = "", 0.0, 0.0
         self._worked, self._compile_time, self._sampled_at = 0.0, 0.0, self._begin
-        self._compiles, self._qualifier = False, "at most" if limit else "about"
+        self._compiles, self._qualifier, self._tail = False, "at most" if limit else "about", tail
         total, ends = sum(weight for _, weight in schedule), 0.0
         self._spans: list[tuple[str, float, float]] = []
         for name, weight in schedule:
@@ -116,13 +122,13 @@ class ActivityProgress:
         return f"{format_duration(self._clock() - self._begin)} elapsed{note}"
 
     def time_left(self) -> float | None:
-        """Estimate the time left [s]; None if nothing is known about the completed share."""
+        """Estimate the time left [s]; None if the share is not known or the estimate has expired."""
         worked = self._time_without_compilation()
         if self._share < MIN_SHARE or self._worked < MIN_WORK:
             return None
-        left = self._worked / self._share - worked
+        left = self._worked / self._share + self._tail - worked
         after_step = worked * (1 / self._step_end - 1) if self._step_end > self._share else 0.0
-        return max(left, after_step, 0.0)
+        return max(left, after_step) if max(left, after_step) >= 1 else None
 
     def _time_without_compilation(self) -> float:
         """Return the time since the start without compilation [s]."""
@@ -155,7 +161,12 @@ def is_compiling(frame: FrameType | None) -> bool:
 
 @contextlib.contextmanager
 def show_activity(
-    console: Console, activity: str, schedule: Schedule = (), limit: bool = False
+    console: Console,
+    activity: str,
+    schedule: Schedule = (),
+    limit: bool = False,
+    tail: float = 0.0,
+    announce: bool = True,
 ) -> Generator[ActivityProgress]:
     """Show the progress of an activity on a console within the block.
 
@@ -164,11 +175,14 @@ def show_activity(
         activity: Description of the activity.
         schedule: Steps in their order with their shares of the time.
         limit: True if the time left is at most the estimate.
+        tail: Estimated time after the completed share has become 1 [s].
+        announce: Whether a plain line is printed at the start.
 
     Yields:
         The progress, to which steps are reported.
     """
-    progress, stopped, owner = ActivityProgress(activity, schedule, limit), threading.Event(), threading.get_ident()
+    progress = ActivityProgress(activity, schedule, limit, tail)
+    stopped, owner = threading.Event(), threading.get_ident()
 
     def watch() -> None:
         last_line = time.monotonic()
@@ -179,7 +193,7 @@ def show_activity(
                 console.print(progress.line(), markup=False)
 
     watcher = threading.Thread(target=watch, daemon=True)
-    if not console.is_terminal:
+    if announce and not console.is_terminal:
         console.print(activity, markup=False)
     spinner = Spinner("line")
     live = Live(

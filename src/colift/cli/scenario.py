@@ -279,7 +279,7 @@ def _search_gains(
         if best:
             write_new(out, gain_tuning.to_yaml(best[-1].settings, written, str(out)))
         note = f"the best gains so far are in {out}" if best else f"nothing was written to {out}"
-        common.print_warning(f"interrupted; {note}")
+        common.report_interruption(note)
         raise
     return before, after, budget, values
 

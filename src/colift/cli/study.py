@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 PREPARATION = (("team", 1.0), ("linearization", 3.0))
 """Steps before the flights with their shares of the time."""
-OUTPUT_SHARE = 0.1
-"""Share of error bounds, logs and figures in the time of a study."""
+OUTPUT_TIME = 15.0
+"""Estimated time for logs and figures after the flights [s]."""
 
 
 def study(
@@ -157,7 +157,7 @@ def _run_with_progress(
     titles = {case: experiment.ALL_CASES[case] for case in experiments}
     if held_out:
         titles |= generalization.titles(titles)
-    with common.show_progress(f"simulating {settings.name}", quiet) as progress:
+    with common.show_progress(f"simulating {settings.name}", quiet, tail=OUTPUT_TIME) as progress:
         return run_study(
             settings,
             folder,
@@ -176,7 +176,7 @@ def flight_progress(
     Args:
         titles: Description of each flight.
         duration: Duration of a flight [s].
-        report: Function that takes the step and the completed share of all flights with their output.
+        report: Function that takes the step and the completed share of all flights.
 
     Returns:
         Function of the flight and the simulated time [s].
@@ -187,7 +187,7 @@ def flight_progress(
         if case not in simulated:  # an earlier flight may have ended early
             simulated.update(dict.fromkeys(simulated, duration))
         simulated[case] = min(t, duration)
-        share = (1 - OUTPUT_SHARE) * sum(simulated.values()) / (duration * len(titles))
+        share = sum(simulated.values()) / (duration * len(titles))
         if t < duration:
             report(f"{case} ({titles[case]}), {t:.1f} of {duration:g} s", share)
         elif len(simulated) < len(titles):

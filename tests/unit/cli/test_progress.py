@@ -75,6 +75,16 @@ def test_share_that_is_a_lower_bound(clock):
     assert shown.times == "1:40 elapsed, at most 15:00 left"
 
 
+def test_time_after_the_last_share(clock):
+    """The tail counts down, and afterwards no time left is stated."""
+    shown = progress.ActivityProgress("simulating", tail=15.0, clock=clock)
+    clock.now = 10.0
+    shown.report("figures", 1.0)
+    assert shown.times == "0:10 elapsed, about 0:15 left"
+    clock.now = 26.0
+    assert shown.times == "0:26 elapsed"
+
+
 def test_hours_are_shown():
     assert progress.format_duration(3725.4) == "1:02:05"
     assert progress.format_duration(59.6) == "1:00"
@@ -128,12 +138,11 @@ def test_flights_of_a_study_share_its_time():
     )
     for case, t in (("C1", 0.0), ("C1", 10.0), ("C3", 0.0), ("C3", 20.0)):
         report(case, t)
-    whole = 1 - study.OUTPUT_SHARE
     assert steps == [
         ("C1 (no learning), 0.0 of 20 s", 0.0),
-        ("C1 (no learning), 10.0 of 20 s", pytest.approx(whole / 4)),
-        ("C3 (GP), 0.0 of 20 s", pytest.approx(whole / 2)),  # C1 has ended early
-        ("C3, error bounds, logs and figures", pytest.approx(whole)),
+        ("C1 (no learning), 10.0 of 20 s", 0.25),
+        ("C3 (GP), 0.0 of 20 s", 0.5),  # C1 has ended early
+        ("C3, error bounds, logs and figures", 1.0),
     ]
 
 
