@@ -19,7 +19,8 @@ from colift.certification.certificate import Certificate
 from colift.visualization import style
 from colift.visualization.axes import log_scale
 
-LAYOUTS = (("", style.PAGE_WIDTH, (1, 2), 130), ("_column", style.COLUMN_WIDTH, (2, 1), 62))
+TITLE_CHARACTERS = 130  # in a line of a title of page width
+LAYOUTS = (("", style.PAGE_WIDTH, (1, 2), TITLE_CHARACTERS), ("_column", style.COLUMN_WIDTH, (2, 1), 62))
 """Versions of figure 6: suffix of the file, width [in], rows and columns, and characters in a line of the title."""
 BOUND_WIDTH, ERROR_WIDTH = 2.0, 0.9
 """Line widths of bounds and of errors, in the color of the case, as in figures 3 and 5 [points]."""
@@ -63,7 +64,7 @@ def _fill_certificate(
     first, second = panels
     best = certificate.ultimate_bounds.get("recovery", certificate.ultimate_bounds["energy"])
     name = "recovery" if "recovery" in certificate.ultimate_bounds else "energy"
-    _plot_errors_and_bounds(first, certificate, name)
+    _plot_errors_and_bounds(first, certificate, name, single_column=title < TITLE_CHARACTERS)
     _plot_conservatism(second, conservatism)
     if above := ", ".join(dict.fromkeys(ERROR_SYMBOLS[each.error] for each in certificate.violations)):
         first.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
@@ -75,7 +76,7 @@ ERROR_SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e
 """Symbol of each error in titles."""
 
 
-def _plot_errors_and_bounds(ax: Axes, certificate: Certificate, bound: str) -> None:
+def _plot_errors_and_bounds(ax: Axes, certificate: Certificate, bound: str, single_column: bool) -> None:
     """Plot the position error over time with its finite a posteriori and a priori bounds of one kind."""
     best = certificate.ultimate_bounds[bound]
     color, source = style.LINE_STYLES["C3"].color, f"({bound}, {status_label(best.assumptions)})"
@@ -89,8 +90,8 @@ def _plot_errors_and_bounds(ax: Axes, certificate: Certificate, bound: str) -> N
     label = "maximum nominal error"
     ax.axhline(1e3 * certificate.nominal_error["e_p"], color="0.5", linewidth=0.8, dashes=(4, 2), label=label)
     ax.set(xlabel="time [s]", ylabel="position error [mm]", xlim=(t[0], t[-1]), ylim=(0, None))
-    ax.set_ylim(top=1.45 * ax.get_ylim()[1])  # room for the legend
-    ax.legend(loc="upper left")
+    ax.set_ylim(top=(1.6 if single_column else 1.45) * ax.get_ylim()[1])  # room for the legend
+    ax.legend(loc="upper left", fontsize=6.5 if single_column else None, labelspacing=0.3 if single_column else None)
 
 
 def _plot_conservatism(ax: Axes, conservatism: Mapping[str, float]) -> None:

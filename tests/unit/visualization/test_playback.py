@@ -394,6 +394,16 @@ def test_components_equal_the_log(page, flown):
 
 
 @needs_browser
+def test_numerical_zeros_are_not_on_a_log_axis(browser_window, flown, tmp_path):
+    ds = flown["C3"].copy(deep=True)
+    ds.e_R[:], ds.Psi[:] = 1e-24, 0.0
+    (tmp_path / "page.html").write_text(playback.build_page({"C3": ds}, CASES), encoding="utf-8")
+    browser_window.open(tmp_path / "page.html")
+    title = browser_window.evaluate("document.querySelector('#plot-attitude h2 small').textContent")
+    assert title == "below 0.0000100 deg: not shown"
+
+
+@needs_browser
 def test_picture_contains_scene_and_plots(page):
     data = page.evaluate("picture()").split(",")[1]
     with Image.open(io.BytesIO(base64.b64decode(data))) as picture:
