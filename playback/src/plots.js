@@ -268,7 +268,7 @@ export function build(element, written, seek, changed) {
     const all = signal.curves(curveContext(written, view.chosen, view.others), chosen);
     const data = uPlot.join(all.map(({ t, y }) => [t, log ? y.map((value) => (value > 0 ? value : null)) : y]));
     const { limits, omits } = log ? logarithmic(all.map(({ y }) => y), signal.floor) : {};
-    if (omits) heading.append(Object.assign(document.createElement("small"), { textContent: `below ${shorter(limits[0])} ${signal.unit}: not shown` }));
+    if (omits) heading.append(Object.assign(document.createElement("small"), { textContent: `below ${Number(limits[0].toPrecision(2))} ${signal.unit}: not shown` }));
     const linear = (_, low, high) => {
       if (chosen === "norm") return [0, 1.08 * (high || 1)];
       const margin = 0.06 * (high - low || Math.abs(high) || 1);

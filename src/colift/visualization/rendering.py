@@ -49,7 +49,7 @@ PANEL_RATIOS = (0.55, 1.1)  # limits of its height over its width
 TEXT_RATIO = 0.2  # height of title and readings over its width
 VIDEO_DPI, IMAGE_DPI = 110.0, 200.0
 FRAME_RATE = {".gif": 20, ".mp4": 30}  # 1/s; the frame duration of a GIF is a multiple of 0.01 s
-PALETTE = 48  # number of colors of a GIF
+PALETTE = 64  # number of colors of a GIF
 SIZE_LIMITS = (64, 8192)
 """Smallest and largest width and height of a file [px]."""
 
@@ -233,7 +233,7 @@ def _gif(figure: Figure, drawn: Iterator[None], rate: int) -> bytes:
         canvas.draw()
         frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy()))
     few = frames[:: max(1, len(frames) // 4)]
-    swatch = few[0].height // 6
+    swatch = few[0].height // 3
     strip = Image.new("RGB", (few[0].width, few[0].height * len(few) + swatch), "white")
     for k, each in enumerate(few):
         strip.paste(each, (0, k * each.height))

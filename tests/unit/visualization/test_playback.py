@@ -400,7 +400,7 @@ def test_numerical_zeros_are_not_on_a_log_axis(browser_window, flown, tmp_path):
     (tmp_path / "page.html").write_text(playback.build_page({"C3": ds}, CASES), encoding="utf-8")
     browser_window.open(tmp_path / "page.html")
     title = browser_window.evaluate("document.querySelector('#plot-attitude h2 small').textContent")
-    assert title == "below 0.0000100 deg: not shown"
+    assert title == "below 0.00001 deg: not shown"
 
 
 @needs_browser
