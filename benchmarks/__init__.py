@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "floor", "gp", "flight", "study")
+NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "roofline", "gp", "flight", "study")
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Outcome:
 
     figures: dict[str, Any]
     targets: dict[str, bool] = field(default_factory=dict)
-    left_out: tuple[str, ...] = ()
+    omitted: tuple[str, ...] = ()
 
 
 def rounds(

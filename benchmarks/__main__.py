@@ -57,7 +57,7 @@ def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Pat
     files = files_behind(HERE / f"{name}.py")
     content: dict[str, Any] = {
         "benchmark": name,
-        "what": title(name),
+        "description": title(name),
         "date": dt.date.today().isoformat(),
         "command": shlex.join(["python", "-m", "benchmarks", name, "--seconds", f"{seconds:g}"]),
         "machine": machine(),
@@ -66,9 +66,9 @@ def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Pat
         "commit": head(),
         "uncommitted": uncommitted(files),
         "files": files,
-        "took_s": round(took, 1),
+        "wall_time_s": round(took, 1),
         "targets": outcome.targets,
-        "left_out": list(outcome.left_out),
+        "omitted": list(outcome.omitted),
         "figures": outcome.figures,
     }
     write_json_atomic(content, path)
@@ -99,7 +99,7 @@ def main(arguments: list[str]) -> int:
         print(f"== {name}: {title(name)}", flush=True)
         start = time.perf_counter()
         outcome = importlib.import_module(f"benchmarks.{name}").run(options.seconds)
-        for sentence in outcome.left_out:
+        for sentence in outcome.omitted:
             print(f"left out: {sentence}")
         for sentence, met in outcome.targets.items():
             print("met   " if met else "MISSED", sentence)

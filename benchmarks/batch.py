@@ -68,9 +68,9 @@ def run(seconds: float) -> Outcome:
     ratio = ratios(times, "native")["mujoco.rollout"]
     return Outcome(
         figures={
-            "us_a_step_and_team": microseconds(times),
+            "time_per_step_and_team_us": microseconds(times),
             "ratio_to_native": ratios(times, "native"),
-            "steps_a_second": {name: 1e6 / t for name, t in microseconds(times).items()},
+            "steps_per_second": {name: 1e6 / t for name, t in microseconds(times).items()},
             "threads": THREADS,
         },
         targets={f"native {ratio:.1f}x mujoco.rollout, at least 15x": ratio >= 15},

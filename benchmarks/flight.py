@@ -90,7 +90,7 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
     to_4, figures = ratios(times, "4"), {}
     for n, t in times.items():
         us = float(np.median(t)) * 1e6
-        figures[n] = {"us_a_tick_and_agent": us, "ratio_to_4": to_4[n], "first_s": first[int(n)]}
+        figures[n] = {"time_per_tick_and_agent_us": us, "ratio_to_4": to_4[n], "first_call_s": first[int(n)]}
         print(f"  N = {n:<3} {us:>8.3g} us a tick and agent {to_4[n]:>8.3g}x, first {first[int(n)]:>5.3g} s")
     worst = max(to_4, key=to_4.__getitem__)
     met = to_4[worst] <= 1.3
@@ -110,16 +110,21 @@ def run(seconds: float) -> Outcome:
     to, dt = ratios(times, "native"), float(setup.dt)
     figures = {
         name: {
-            "us_a_tick": float(np.median(t)) * 1e6,
-            "over_native": to[name],
-            "times_real_time": dt / float(np.median(t)),
+            "time_per_tick_us": float(np.median(t)) * 1e6,
+            "ratio_to_native": to[name],
+            "real_time_factor": dt / float(np.median(t)),
         }
         for name, t in times.items()
     }
     for name, one in figures.items():
-        print(f"  {name:<34} {one['us_a_tick']:>8.4g} us a tick, {one['times_real_time']:>6.3g} times real time")
+        print(
+            f"  {name:<34} {one['time_per_tick_us']:>8.4g} us a tick, {one['real_time_factor']:>6.3g} times real time"
+        )
     grown, targets = growth(seconds)
-    flight, batch = figures["native"]["us_a_tick"] * 1e-6 * 20 / dt, list(figures.values())[-1]["times_real_time"]
+    flight, batch = (
+        figures["native"]["time_per_tick_us"] * 1e-6 * 20 / dt,
+        list(figures.values())[-1]["real_time_factor"],
+    )
     return Outcome(
         figures | {"agents": grown},
         {

@@ -57,8 +57,8 @@ def run(seconds: float) -> Outcome:
     gpus = [device for device in jax.devices() if device.platform == "gpu"]
     if not gpus:
         kinds = ", ".join(sorted({device.device_kind for device in jax.devices()}))
-        return Outcome({}, left_out=(f"no GPU was found by JAX (devices: {kinds}): nothing was measured",))
+        return Outcome({}, omitted=(f"no GPU was found by JAX (devices: {kinds}): nothing was measured",))
     print(gpus[0].device_kind)
     return Outcome(
-        {"device": gpus[0].device_kind, "steps_a_second": measure(gpus[0], BATCHES, STEPS, seconds / len(BATCHES))}
+        {"device": gpus[0].device_kind, "steps_per_second": measure(gpus[0], BATCHES, STEPS, seconds / len(BATCHES))}
     )

@@ -46,11 +46,11 @@ def run(seconds: float) -> Outcome:
         rows = {}
         for n, t in times.items():
             rows[n] = {
-                "us_a_step_and_agent": float(jnp.median(t)) * 1e6,
+                "time_per_step_and_agent_us": float(jnp.median(t)) * 1e6,
                 "ratio_to_4": to_4[n],
-                "compile_s": made[n][2],
+                "compile_time_s": made[n][2],
             }
-            print(f"  N = {n:<3} {rows[n]['us_a_step_and_agent']:>8.3g} {to_4[n]:>8.3g}x {made[n][2]:>8.3g} s")
+            print(f"  N = {n:<3} {rows[n]['time_per_step_and_agent_us']:>8.3g} {to_4[n]:>8.3g}x {made[n][2]:>8.3g} s")
         slowest = max(slowest, made["64"][2])
         worst = max(to_4, key=to_4.__getitem__)
         targets[f"{samples} at once: at most {to_4[worst]:.2f}x of N = 4 (at N = {worst}), within 1.3x"] = (

@@ -68,11 +68,11 @@ def run(seconds: float) -> Outcome:
     faster, by_jax_ratio = ratios(times, "native")["MuJoCo RK4"], ratios(times, "JAX")["MuJoCo RK4"]
     return Outcome(
         figures={
-            "us_a_step": microseconds(times),
+            "time_per_step_us": microseconds(times),
             "ratio_to_native": ratios(times, "native"),
-            "steps_a_cpu_second": {name: 1e6 / t for name, t in microseconds(times).items()},
-            "gap_m": gaps,
-            "payloads_apart_m": apart,
+            "steps_per_cpu_second": {name: 1e6 / t for name, t in microseconds(times).items()},
+            "contact_gap_m": gaps,
+            "payload_distance_m": apart,
         },
         targets={
             f"native {faster:.2f}x MuJoCo's RK4, at least 5x": faster >= 5,

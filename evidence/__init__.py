@@ -21,11 +21,13 @@ import multiprocessing
 import platform
 import re
 import subprocess
-import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from rich.console import Console
+
+from colift.cli import progress
 from colift.runtime import atomic_write
 from evidence import dependencies
 
@@ -209,27 +211,28 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
 
 def _computed(name: str, items: list[str], compute: Callable[[str], Any]) -> Iterator[tuple[str, Any]]:
     """Yield items with their values as they are computed, by `processes` at a time."""
-    start = time.monotonic()
-
-    def report(item: str, done: int) -> None:
-        spent = time.monotonic() - start
-        left = f", about {spent / done * (len(items) - done) / 60:.0f} min left" if done else ""
-        print(f"{name}: {item} ({done} of {len(items)}{left})", flush=True)
-
-    if processes == 1 or len(items) < 2:
-        for done, item in enumerate(items):
-            report(item, done)
-            yield item, compute(item)
+    if not items:
         return
-    with concurrent.futures.ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        running = {pool.submit(compute, item): item for item in items}
-        try:
-            for done, future in enumerate(concurrent.futures.as_completed(running), start=1):
-                report(running[future], done)
-                yield running[future], future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    console = Console(stderr=True, soft_wrap=True, highlight=False, emoji=False)
+    with progress.show_activity(console, name) as shown:
+
+        def report(item: str, done: int) -> None:
+            shown.report(f"{item} ({done} of {len(items)} computed)", done / len(items))
+
+        if processes == 1 or len(items) < 2:
+            for done, item in enumerate(items):
+                report(item, done)
+                yield item, compute(item)
+            return
+        with concurrent.futures.ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+            running = {pool.submit(compute, item): item for item in items}
+            try:
+                for done, future in enumerate(concurrent.futures.as_completed(running), start=1):
+                    report(running[future], done)
+                    yield running[future], future.result()
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
 
 
 def save(path: Path, value: Any) -> None:

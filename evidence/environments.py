@@ -83,7 +83,7 @@ def run(environment: str) -> dict[str, Any]:
         "status": done.returncode,
         **counts,
         "failures": re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE),
-        "wall_s": round(time.perf_counter() - began),
+        "wall_time_s": round(time.perf_counter() - began),
         "versions": {name: versions[name] for name in NAMED if name in versions},
     }
 

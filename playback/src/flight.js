@@ -80,3 +80,22 @@ export function norms(track, k) {
   const [x, y, z] = [0, 1, 2].map((n) => column(track, k + n));
   return x.map((each, i) => (each === null || y[i] === null || z[i] === null ? null : Math.hypot(each, y[i], z[i])));
 }
+
+/** Returns the product of the conjugate of one quaternion and another one (w, x, y, z) in row i of two tracks. */
+export function product(first, second, i) {
+  const [a, b, c, d] = first.values.subarray(4 * i, 4 * i + 4);
+  const [w, x, y, z] = second.values.subarray(4 * i, 4 * i + 4);
+  return [
+    a * w + b * x + c * y + d * z,
+    a * x - b * w - c * z + d * y,
+    a * y + b * z - c * w - d * x,
+    a * z - b * y + c * x - d * w,
+  ];
+}
+
+/** Returns the rotation vector of a unit quaternion (w, x, y, z), rad. */
+export function rotationVector([w, x, y, z]) {
+  const sine = Math.hypot(x, y, z);
+  const scale = sine < 1e-12 ? 2 * Math.sign(w || 1) : (2 * Math.atan2(sine, Math.abs(w)) * Math.sign(w || 1)) / sine;
+  return [scale * x, scale * y, scale * z];
+}

@@ -15,11 +15,11 @@ const CASES = {
   gp_label_feedback: ["#882255", "#cc6699"],
 };
 const AGENTS = [
-  ["#228833", "#66cc77"],
-  ["#aa3377", "#ee88cc"],
+  ["#7755aa", "#aa88dd"],
   ["#997700", "#cccc66"],
-  ["#0099bb", "#88ddee"],
   ["#774411", "#cc9966"],
+  ["#5588aa", "#88bbdd"],
+  ["#aa7799", "#ddaacc"],
   ["#555555", "#bbbbbb"],
 ];
 const dark = matchMedia("(prefers-color-scheme: dark)");

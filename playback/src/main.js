@@ -1,12 +1,27 @@
 // The page: elements, time, and input of the user.
 import uplotStyle from "uplot/dist/uPlot.min.css";
 import { arrive, flights, last } from "./flight.js";
-import { caseColor, onTheme } from "./look.js";
+import { caseColor, ink, onTheme } from "./look.js";
 import pageStyle from "./page.css";
 import { build as buildPlots } from "./plots.js";
 import { build as buildScene } from "./scene.js";
 
 const STEP = 1 / 30; // s, step of an arrow key
+const LONG_STEP = 1; // s, step of an arrow key with shift
+const QUIET = 300; // ms without changes after which the address is updated
+const KEYS = [
+  ["space", "play or pause"],
+  ["← →", "step of one frame; with shift: 1 s"],
+  ["Home, End", "start or end of the flight"],
+  ["1 to 9", "select a case"],
+  ["shift + 1 to 9", "go to 10 % to 90 % of the flight"],
+  ["f", "the camera follows the payload, or shows the whole path"],
+  ["l", "copy a link to case, time and signals"],
+  ["s", "save a picture of scene and plots as PNG"],
+  ["?", "this list"],
+  ["drag, wheel", "rotate, zoom"],
+  ["click in a plot", "set the time"],
+];
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
 const make = (tag, properties = {}, ...children) => {
@@ -42,6 +57,13 @@ const swatches = Object.entries(arrows).map(([kind, { label, N_per_m: scale }]) 
   const box = make("input", { type: "checkbox", checked: true, onchange: () => (scene?.show(kind, box.checked), requestFrame()) });
   return make("label", { className: kind }, box, make("i"), make("span", { textContent: label }), make("em", { textContent: `${scale} N per m` }));
 });
+const link = make("button", { textContent: "copy link", title: "link to case, time and signals (l)" });
+const save = make("button", { textContent: "save PNG", title: "picture of scene and plots (s)" });
+const keys = make("button", { textContent: "keys", title: "list of the keys (?)" });
+const note = make("output", { id: "note" });
+const rows = KEYS.map(([key, meaning]) => make("tr", {}, make("th", { textContent: key }), make("td", { textContent: meaning })));
+const close = make("button", { textContent: "close" });
+const help = make("dialog", { id: "help" }, make("h2", { textContent: "Keys and pointer" }), make("table", {}, ...rows), close);
 const ground = make("p");
 const legend = make(
   "details",
@@ -63,7 +85,8 @@ document.body.append(
     make("nav", {}, ...chips, ...others),
   ),
   make("main", {}, make("div", { id: "left" }, stage, make("div", { id: "bar" }, play, slider, clock, speed, follow), mode), plotted),
-  make("footer", {}, "space: play or pause   ← →: step   f: follow   drag: rotate   wheel: zoom   click in a plot: set the time"),
+  make("footer", {}, make("span", { textContent: "space: play or pause   ← →: step   1 to 9: case   ?: all keys" }), note, link, save, keys),
+  help,
 );
 stage.append(legend);
 
@@ -88,6 +111,112 @@ function frame(at) {
     else run(false);
   }
   scene?.draw();
+}
+
+// Address: case, time and signals ---------------------------------------------------------------------------------------
+
+let fragmentTimer = 0;
+
+/** Returns the fragment of the address that restores case, time and signals. */
+const fragment = () => `#case=${encodeURIComponent(cases[state.case].name)}&t=${state.t.toFixed(2)}&signals=${plots.text()}`;
+
+/** Writes case, time and signals to the address after a short time without changes. */
+function remember() {
+  clearTimeout(fragmentTimer);
+  if (!state.playing) fragmentTimer = setTimeout(writeFragment, QUIET);
+}
+
+function writeFragment() {
+  try {
+    history.replaceState(null, "", fragment());
+  } catch {
+    // the page is a part of another one and has no address
+  }
+}
+
+/** Shows what the fragment of the address states; unknown names and numbers are ignored. */
+function restore() {
+  const wanted = new URLSearchParams(location.hash.slice(1));
+  const k = cases.findIndex(({ name }) => name === wanted.get("case"));
+  const t = Number.parseFloat(wanted.get("t"));
+  if (wanted.has("signals")) plots.read(wanted.get("signals"));
+  if (k >= 0) choose(k);
+  if (Number.isFinite(t)) {
+    run(false);
+    seek(t);
+  }
+}
+
+/** Shows a short message in the footer. */
+function announce(text) {
+  note.textContent = text;
+  setTimeout(() => note.textContent === text && (note.textContent = ""), 4000);
+}
+
+async function copyLink() {
+  writeFragment();
+  try {
+    await navigator.clipboard.writeText(location.href);
+    announce("link copied");
+  } catch {
+    announce("the link is in the address bar");
+  }
+}
+
+// Picture --------------------------------------------------------------------------------------------------------------
+
+/** Returns a canvas with the scene at the left and the plots with their legends at the right. */
+function picture() {
+  const ratio = Math.min(devicePixelRatio, 2);
+  const images = plots.pictures();
+  const [width, side] = [stage.clientWidth, images.length ? 440 : 0];
+  const rows = images.map(({ canvas, entries }) => canvas.height / devicePixelRatio + 24 + 16 * Math.ceil(entries.length / 2));
+  const height = Math.max(stage.clientHeight + 60, rows.reduce((sum, each) => sum + each, 20));
+  const canvas = make("canvas", { width: (width + side) * ratio, height: height * ratio });
+  const pen = canvas.getContext("2d");
+  pen.scale(ratio, ratio);
+  pen.fillStyle = ink("paper");
+  pen.fillRect(0, 0, width + side, height);
+  pen.fillStyle = ink("ground");
+  pen.fillRect(0, 44, width, height - 60);
+  const font = "system-ui, sans-serif";
+  const write = (text, x, y, style = "12px") => {
+    pen.fillStyle = ink("text");
+    pen.font = `${style} ${font}`;
+    pen.fillText(text, x, y);
+  };
+  write(`${written.scenario}: ${cases[state.case].name}, ${cases[state.case].label}`, 12, 20, "bold 14px");
+  write(`${state.t.toFixed(2)} s, ${status()}; seed ${written.seed}, colift ${written.version}`, 12, 37);
+  if (scene) {
+    scene.draw();
+    pen.drawImage(scene.canvas, 0, 44, width, stage.clientHeight);
+    pen.textAlign = "center";
+    for (const { text, x, y } of scene.labels()) write(text, x, y + 48);
+    pen.textAlign = "left";
+  }
+  let y = 20;
+  images.forEach(({ heading, canvas: plot, entries }, n) => {
+    write(heading, width + 68, y, "bold 12.5px");
+    const [w, h] = [plot.width / devicePixelRatio, plot.height / devicePixelRatio];
+    pen.drawImage(plot, width, y + 4, side, (h * side) / w);
+    entries.forEach(({ text, color }, k) => {
+      const [x, line] = [width + 68 + 182 * (k % 2), y + h + 18 + 16 * Math.floor(k / 2)];
+      pen.fillStyle = color;
+      pen.fillRect(x, line - 5, 14, 3);
+      write(text, x + 19, line, "11px");
+    });
+    y += rows[n];
+  });
+  return canvas;
+}
+
+function savePicture() {
+  picture().toBlob((blob) => {
+    const address = URL.createObjectURL(blob);
+    make("a", { href: address, download: `${written.scenario}-${cases[state.case].name}-${state.t.toFixed(2)}s.png` }).click();
+    setTimeout(() => URL.revokeObjectURL(address), 1000);
+    announce("picture saved");
+  });
 }
 
 const within = (t, spans) => spans.some(([from, to]) => t >= from && t <= to);
@@ -117,6 +246,7 @@ function seek(t) {
   slider.value = state.t;
   clock.textContent = `${state.t.toFixed(2)} s`;
   mode.textContent = `${cases[state.case].name}: ${status()}`;
+  remember();
   requestFrame();
 }
 
@@ -125,6 +255,7 @@ function run(on) {
   before = null;
   if (on && state.t >= end() && !running) seek(0);
   play.textContent = on ? "pause" : "play";
+  remember();
   requestFrame();
 }
 
@@ -146,6 +277,10 @@ function track(on) {
 
 // Input of the user ---------------------------------------------------------------------------------------------------
 
+link.onclick = copyLink;
+save.onclick = savePicture;
+keys.onclick = () => help.showModal();
+close.onclick = () => help.close();
 play.onclick = () => run(!state.playing);
 follow.onclick = () => track(!state.follow);
 slider.oninput = () => seek(Number(slider.value));
@@ -155,16 +290,28 @@ ghosts.onchange = () => {
   choose(state.case);
 };
 addEventListener("pointerup", ({ target }) => target.closest("button")?.blur()); // afterwards the space key plays, not the button
+/** Returns the tenth of the flight of a digit key with shift; null for other keys. */
+const tenth = ({ code, shiftKey }) => (shiftKey && /^Digit[1-9]$/.test(code) ? Number(code.slice(5)) / 10 : null);
+
 addEventListener("keydown", (event) => {
-  const { key, target, ctrlKey, metaKey, altKey } = event;
-  if (ctrlKey || metaKey || altKey || target.matches("select")) return;
+  const { key, target, shiftKey, ctrlKey, metaKey, altKey } = event;
+  if (ctrlKey || metaKey || altKey || help.open || target.matches("select")) return;
   if (key === " " && target.matches("button, summary, input[type=checkbox]")) return;
-  const does = {
+  const go = (t) => (run(false), seek(t));
+  const step = shiftKey ? LONG_STEP : STEP;
+  let does = {
     " ": () => run(!state.playing),
     f: () => track(!state.follow),
-    ArrowLeft: () => (run(false), seek(state.t - STEP)),
-    ArrowRight: () => (run(false), seek(state.t + STEP)),
+    l: copyLink,
+    s: savePicture,
+    "?": () => help.showModal(),
+    Home: () => go(0),
+    End: () => go(end()),
+    ArrowLeft: () => go(state.t - step),
+    ArrowRight: () => go(state.t + step),
   }[key];
+  if (/^[1-9]$/.test(key) && Number(key) <= cases.length) does = () => choose(Number(key) - 1);
+  else if (tenth(event) !== null) does = () => go(tenth(event) * end());
   if (does) {
     event.preventDefault();
     does();
@@ -180,13 +327,15 @@ try {
 } catch (error) {
   stage.prepend(make("p", { id: "blind", textContent: `the 3D view is not available: ${error.message}` }));
 }
-const plots = buildPlots(plotted, written, seek);
+const plots = buildPlots(plotted, written, seek, () => remember());
 const tint = () => chips.forEach((chip, k) => chip.style.setProperty("--own", caseColor(cases[k].name)));
 tint();
 const learned = cases.findIndex(({ name }) => name === "C3");
 choose(learned < 0 ? cases.length - 1 : learned);
 run(false);
 track(Boolean(scene?.far));
+restore();
+addEventListener("hashchange", restore);
 onTheme(() => {
   tint();
   choose(state.case);
@@ -216,4 +365,5 @@ if (running) {
 }
 
 window.seek = seek;
+window.picture = () => picture().toDataURL();
 window.state = () => ({ ...state, case: cases[state.case].name, end: end(), running });

@@ -1,6 +1,6 @@
-// Plots of errors, contact forces and predictive standard deviations over time, with a common cursor.
+// Plots of signals over time with a common cursor; the user chooses signals and components.
 import uPlot from "uplot";
-import { column, norms } from "./flight.js";
+import { column, norms, product, rotationVector } from "./flight.js";
 import { agentColor, caseColor, ink } from "./look.js";
 
 const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
@@ -11,56 +11,157 @@ const AXIS = 40; // px, height of the time axis of the last plot
 const shorter = (value) => (value == null ? "–" : Math.abs(value) >= 100 ? value.toFixed(0) : value.toPrecision(3));
 
 const BRIEF = 0.005; // fraction of the values that may lie below a logarithmic axis: zero crossings of a norm
-const MAX_DECADES = 7; // of a logarithmic axis; smaller values are numerical zeros
+const RANGE = 1e-4; // smallest value of a logarithmic axis over the largest
 
-/** Returns the range of a logarithmic axis as in the figures; powers of ten where it would contain fewer than two. */
-function logarithmic(rows) {
+/** Returns the range of a logarithmic axis as in the figures, and whether it omits values. */
+function logarithmic(rows, floor) {
   const values = rows.flat().filter((value) => value > 0).sort((one, other) => one - other);
-  if (!values.length) return [0.1, 1];
-  const top = values[values.length - 1];
-  const low = Math.max(0.7 * values[Math.floor(BRIEF * values.length)], top * 10 ** -MAX_DECADES);
+  const top = values.length ? values[values.length - 1] : 0;
+  if (top <= floor) return { limits: [floor, 10 * floor], omits: top > 0 };
+  const usual = 0.7 * values[Math.floor(BRIEF * values.length)];
+  const low = Math.max(usual, top * RANGE, floor);
   const [from, to] = [Math.log10(low), Math.log10(1.3 * top)];
-  return Math.floor(to) > Math.ceil(from) ? [10 ** from, 10 ** to] : [10 ** Math.floor(from), 10 ** Math.ceil(to)];
+  const few = Math.floor(to) <= Math.ceil(from); // fewer than two powers of ten
+  return { limits: few ? [10 ** Math.floor(from), 10 ** Math.ceil(to)] : [10 ** from, 10 ** to], omits: low > usual };
 }
 
 const powers = (_, at) => at.map((value) => (value === null ? "" : String(Number(value.toPrecision(3)))));
 
-/** Returns the curves of one plot with label, colour, dashes, times and values; cases that are not selected are faint. */
-function curves(kind, { shape, cases }, chosen, others) {
-  const visible = cases.map((flight, k) => ({ flight, faint: k !== chosen })).filter(({ faint }) => others || !faint);
-  const each = (name, tracks, k, dash, at = "t") =>
-    visible.map(({ flight, faint }) => ({
-      label: name || flight.name,
-      listed: !name || !faint, // with several curves per case the legend lists the selected case only
-      color: caseColor(flight.name),
-      dash,
-      faint,
-      t: flight[at],
-      y: column(flight.tracks[tracks], k),
-    }));
-  if (kind === "position") return each("", "e_p", 0, DASHES[0]);
-  if (kind === "attitude") return each("", "angle", 0, DASHES[0]);
-  if (kind === "deviation") {
-    return [...each("payload", "sigma", 0, DASHES[0], "t_sigma"), ...each("agents", "sigma", 1, DASHES[1], "t_sigma")];
-  }
-  const { tracks, t } = cases[chosen];
-  return shape.contacts.map(({ name, agent, arm }, k) => ({
-    label: name,
-    color: agentColor(agent),
-    dash: DASHES[arm % DASHES.length],
-    faint: false,
-    listed: true,
-    t,
-    y: norms(tracks.lam, 3 * k),
-  }));
+const XYZ = ["x", "y", "z"];
+
+/** Returns values of a track with three columns from `k` on: their norm, or one component. */
+const part = (track, k, chosen) => (chosen === "norm" ? norms(track, k) : column(track, k + XYZ.indexOf(chosen)));
+
+/** Returns the rotation from the reference attitude as its angle or a component of the rotation vector, deg. */
+function rotationError({ angle, q, q_d: reference }, chosen) {
+  if (chosen === "norm") return column(angle, 0);
+  const k = XYZ.indexOf(chosen);
+  return column(angle, 0).map((value, i) => {
+    if (value === null) return null;
+    return (rotationVector(product(reference, q, i))[k] * 180) / Math.PI;
+  });
 }
 
-const PLOTS = [
-  { kind: "position", title: "Position error", unit: "|e| [m]", log: true },
-  { kind: "attitude", title: "Attitude error", unit: "angle [deg]", log: true },
-  { kind: "contact", title: "Contact forces on the payload", unit: "|λ| [N]", log: false },
-  { kind: "deviation", title: "Predictive standard deviation of the residual", unit: "σ [N]", log: true },
-];
+/** Returns the position error as its norm or a component, m. */
+function positionError({ e_p: error, p, p_d: reference }, chosen) {
+  if (chosen === "norm") return column(error, 0);
+  const [at, wanted] = [part(p, 0, chosen), part(reference, 0, chosen)];
+  return at.map((value, i) => (value === null ? null : value - wanted[i]));
+}
+
+/** Signals: title, symbol of its norm and components, unit, floor of a logarithmic axis, components, and curves. */
+const SIGNALS = {
+  position: {
+    title: "Position error",
+    symbol: "e",
+    unit: "m",
+    floor: 1e-6,
+    parts: ["norm", ...XYZ],
+    curves: (context, chosen) => context.byCase((tracks) => positionError(tracks, chosen)),
+  },
+  attitude: {
+    title: "Attitude error",
+    symbol: "angle",
+    unit: "deg",
+    floor: 1e-5,
+    parts: ["norm", ...XYZ],
+    curves: (context, chosen) => context.byCase((tracks) => rotationError(tracks, chosen)),
+  },
+  path: {
+    title: "Payload position",
+    symbol: "p",
+    unit: "m",
+    parts: XYZ,
+    curves: (context, chosen) => [
+      { ...context.own("reference"), color: ink("reference"), dash: DASHES[1], y: part(context.tracks.p_d, 0, chosen) },
+      ...context.byCase((tracks) => part(tracks.p, 0, chosen)),
+    ],
+  },
+  contact: {
+    title: "Contact forces on the payload",
+    symbol: "λ",
+    unit: "N",
+    parts: ["norm", ...XYZ],
+    curves: (context, chosen) =>
+      context.shape.contacts.map(({ name, agent, arm }, k) => ({
+        ...context.own(name),
+        color: agentColor(agent),
+        dash: DASHES[arm % DASHES.length],
+        y: part(context.tracks.lam, 3 * k, chosen),
+      })),
+  },
+  thrust: {
+    title: "Thrust",
+    symbol: "u",
+    unit: "N",
+    parts: ["norm"],
+    curves: (context) =>
+      context.shape.agents.map(({ name }, k) => ({
+        ...context.own(name),
+        color: agentColor(k),
+        dash: DASHES[k % DASHES.length],
+        y: column(context.tracks.u, k),
+      })),
+  },
+  disturbance: {
+    title: "Disturbance force on the payload",
+    symbol: "f",
+    unit: "N",
+    parts: ["norm", ...XYZ],
+    curves: (context, chosen) => context.byCase((tracks) => part(tracks.disturbance, 0, chosen)),
+  },
+  residual: {
+    title: "Residual force on the payload",
+    symbol: "f",
+    unit: "N",
+    parts: ["norm", ...XYZ],
+    curves: (context, chosen) => [
+      { ...context.own("true"), color: ink("reference"), dash: DASHES[1], y: part(context.tracks.residual, 0, chosen) },
+      { ...context.own("predicted"), color: context.color, y: part(context.tracks.residual_hat, 0, chosen) },
+    ],
+  },
+  deviation: {
+    title: "Predictive standard deviation of the residual",
+    symbol: "σ",
+    unit: "N",
+    floor: 1e-6,
+    parts: ["norm"],
+    curves: (context) => [
+      ...context.byCase(({ sigma }) => column(sigma, 0), "payload", DASHES[0], "t_sigma"),
+      ...context.byCase(({ sigma }) => column(sigma, 1), "agents", DASHES[1], "t_sigma"),
+    ],
+  },
+};
+const USUAL = ["position", "attitude", "contact", "deviation"];
+
+/** Returns the label of the vertical axis. */
+function axisLabel({ symbol, unit, parts }, chosen) {
+  if (parts.length === 1) return `${symbol} [${unit}]`;
+  if (symbol === "angle") return chosen === "norm" ? `angle [${unit}]` : `about ${chosen} [${unit}]`;
+  return chosen === "norm" ? `|${symbol}| [${unit}]` : `${symbol}_${chosen} [${unit}]`;
+}
+
+/** Returns the functions that make the curves of a plot; cases that are not selected are faint. */
+function curveContext({ shape, cases }, chosen, others) {
+  const visible = cases.map((flight, k) => ({ flight, faint: k !== chosen })).filter(({ faint }) => others || !faint);
+  const { tracks, t, name } = cases[chosen];
+  return {
+    shape,
+    tracks,
+    color: caseColor(name),
+    own: (label) => ({ label, t, dash: DASHES[0], faint: false, listed: true }),
+    byCase: (values, label, dash = DASHES[0], at = "t") =>
+      visible.map(({ flight, faint }) => ({
+        label: label || flight.name,
+        listed: !label || !faint, // with several curves per case the legend lists the selected case only
+        color: caseColor(flight.name),
+        dash,
+        faint,
+        t: flight[at],
+        y: values(flight.tracks),
+      })),
+  };
+}
 
 /** Draws lines at model updates, a dashed line at the end of learning, and spans of internal forces and thrust limits. */
 function marks({ marks: { updates, learning_end: end, internal, at_limit: limits } }) {
@@ -111,24 +212,68 @@ function key({ marks: { updates, learning_end: end, internal, at_limit: limits }
   return line;
 }
 
-/** Builds the plots in an element; `seek(t)` is called with the selected time. */
-export function build(element, written, seek) {
+/** Builds the plots in an element; `seek(t)` is called with the selected time, `changed` after a choice of signals. */
+export function build(element, written, seek, changed) {
   let drawn = [];
+  let shown = [...USUAL];
+  const components = {}; // component of each signal; default: the first
+  const component = (kind) => components[kind] ?? SIGNALS[kind].parts[0];
+  let view = { chosen: 0, others: true };
+  const menu = document.createElement("details");
+  menu.id = "signals";
+  menu.append(Object.assign(document.createElement("summary"), { textContent: "signals" }));
+  menu.ontoggle = () => size();
+  const boxes = Object.fromEntries(
+    Object.entries(SIGNALS).map(([kind, { title }]) => {
+      const box = Object.assign(document.createElement("input"), { type: "checkbox" });
+      box.onchange = () => choose(Object.keys(SIGNALS).filter((each) => boxes[each].checked));
+      const entry = document.createElement("label");
+      entry.append(box, title);
+      menu.append(entry);
+      return [kind, box];
+    }),
+  );
   let markerLegend = null;
   let now = 0;
   const end = Math.max(...written.cases.map(({ t }) => t[t.length - 1]));
   const span = Math.ceil(10 * end - 1e-6) / 10; // so that the last tick is visible
-  const last = (k) => k === PLOTS.length - 1;
+  const last = (k) => k === shown.length - 1;
 
-  function one({ kind, title, unit, log }, k, chosen, others) {
+  /** Returns a menu of the components of a signal. */
+  function componentMenu(kind) {
+    const { parts, title, symbol } = SIGNALS[kind];
+    const choice = Object.assign(document.createElement("select"), { title: `component: ${title}` });
+    for (const each of parts) {
+      const text = each !== "norm" ? each : symbol === "angle" ? "angle" : "norm";
+      choice.append(Object.assign(document.createElement("option"), { value: each, textContent: text, selected: each === component(kind) }));
+    }
+    choice.onchange = () => {
+      components[kind] = choice.value;
+      choose(shown);
+    };
+    return choice;
+  }
+
+  function one(kind, k) {
+    const signal = SIGNALS[kind];
+    const chosen = component(kind);
+    const log = Boolean(signal.floor) && chosen === "norm";
     const section = document.createElement("section");
-    const heading = Object.assign(document.createElement("h2"), { textContent: title });
+    section.id = `plot-${kind}`;
+    const heading = Object.assign(document.createElement("h2"), { textContent: signal.title });
+    if (signal.parts.length > 1) heading.append(componentMenu(kind));
     const legend = Object.assign(document.createElement("p"), { className: "curves" });
     section.append(heading, legend);
     element.append(section);
-    const all = curves(kind, written, chosen, others);
+    const all = signal.curves(curveContext(written, view.chosen, view.others), chosen);
     const data = uPlot.join(all.map(({ t, y }) => [t, log ? y.map((value) => (value > 0 ? value : null)) : y]));
-    const limits = log ? logarithmic(all.map(({ y }) => y)) : null;
+    const { limits, omits } = log ? logarithmic(all.map(({ y }) => y), signal.floor) : {};
+    if (omits) heading.append(Object.assign(document.createElement("small"), { textContent: `below ${Number(limits[0].toPrecision(2))} ${signal.unit}: not shown` }));
+    const linear = (_, low, high) => {
+      if (chosen === "norm") return [0, 1.08 * (high || 1)];
+      const margin = 0.06 * (high - low || Math.abs(high) || 1);
+      return [low - margin, high + margin];
+    };
     const decades = (_, at) => at.map((value) => (!log || Math.abs(Math.log10(value) % 1) < 1e-9 ? value : null));
     const axis = { stroke: () => ink("text"), ticks: { show: false }, font: "12px system-ui, sans-serif" };
     axis.labelFont = axis.font;
@@ -137,18 +282,18 @@ export function build(element, written, seek) {
       {
         width: section.clientWidth,
         height: HEIGHT,
-        padding: [6, 12, last(k) ? 0 : 6, 0],
+        padding: [6, 14, last(k) ? 0 : 6, 0],
         cursor: { show: false },
         legend: { show: false },
         scales: {
           x: { time: false, range: [0, span] },
-          y: log ? { distr: 3, range: limits } : { range: (_, __, high) => [0, 1.08 * (high || 1)] },
+          y: log ? { distr: 3, range: limits } : { range: linear },
         },
         axes: [
           last(k)
             ? { ...axis, grid: lines, label: "time [s]", labelSize: 18, size: AXIS - 18 }
             : { ...axis, grid: lines, size: 0, values: (_, at) => at.map(() => "") },
-          { ...axis, ...(log && { filter: decades, values: powers }), grid: { ...lines, filter: decades }, size: GUTTER - 18, label: unit, labelSize: 18 },
+          { ...axis, ...(log && { filter: decades, values: powers }), grid: { ...lines, filter: decades }, size: GUTTER - 18, label: axisLabel(signal, chosen), labelSize: 18 },
         ],
         series: [
           {},
@@ -161,7 +306,7 @@ export function build(element, written, seek) {
             points: { show: false },
           })),
         ],
-        hooks: { drawAxes: [marks(written.cases[chosen])] },
+        hooks: { drawAxes: [marks(written.cases[view.chosen])] },
       },
       data,
       section,
@@ -187,7 +332,7 @@ export function build(element, written, seek) {
       point(event);
     });
     plot.over.addEventListener("pointermove", point);
-    return { plot, section, cursor, readouts };
+    return { plot, section, heading: signal.title, axis: axisLabel(signal, chosen), legend, cursor, readouts };
   }
 
   function move(t) {
@@ -202,25 +347,64 @@ export function build(element, written, seek) {
   /** Fits the heights of the plots to the window; if they would be too small, the column scrolls. */
   function size() {
     if (!drawn.length) return;
-    const used = drawn.reduce((sum, { section, plot }) => sum + section.offsetHeight - plot.root.offsetHeight, markerLegend.offsetHeight);
+    const above = menu.offsetHeight + markerLegend.offsetHeight;
+    const used = drawn.reduce((sum, { section, plot }) => sum + section.offsetHeight - plot.root.offsetHeight, above);
     const fills = getComputedStyle(element).overflowY === "auto";
-    const room = (element.clientHeight - used - AXIS - 10 * PLOTS.length) / PLOTS.length;
+    const room = (element.clientHeight - used - AXIS - 10 * drawn.length) / drawn.length;
     const height = fills ? Math.floor(Math.min(Math.max(room, MIN_HEIGHT), MAX_HEIGHT)) : HEIGHT;
     drawn.forEach(({ plot, section }, k) => {
       plot.setSize({ width: section.clientWidth, height: height + (last(k) ? AXIS : 0) });
     });
   }
 
+  function draw() {
+    for (const { plot } of drawn) plot.destroy();
+    markerLegend = key(written.cases[view.chosen]);
+    element.replaceChildren(menu, markerLegend);
+    drawn = shown.map((kind, k) => one(kind, k));
+    size();
+    move(now);
+  }
+
+  /** Shows the signals of a list, in its order; unknown names are ignored. */
+  function choose(kinds) {
+    shown = kinds.filter((kind) => kind in SIGNALS);
+    for (const [kind, box] of Object.entries(boxes)) box.checked = shown.includes(kind);
+    draw();
+    changed();
+  }
+  for (const kind of shown) boxes[kind].checked = true;
+
   return {
     move,
     size,
+    choose,
     show(chosen, others) {
-      for (const { plot } of drawn) plot.destroy();
-      markerLegend = key(written.cases[chosen]);
-      element.replaceChildren(markerLegend);
-      drawn = PLOTS.map((spec, k) => one(spec, k, chosen, others));
-      size();
-      move(now);
+      view = { chosen, others };
+      draw();
     },
+    /** Returns the signals and components as text, such as `position:x,contact`. */
+    text: () => shown.map((kind) => (component(kind) === SIGNALS[kind].parts[0] ? kind : `${kind}:${component(kind)}`)).join(),
+    /** Shows the signals and components of such a text. */
+    read(text) {
+      const kinds = [];
+      for (const [kind, wanted] of text.split(",").map((each) => each.split(":"))) {
+        if (!(kind in SIGNALS)) continue;
+        kinds.push(kind);
+        components[kind] = SIGNALS[kind].parts.includes(wanted) ? wanted : SIGNALS[kind].parts[0];
+      }
+      choose(kinds);
+    },
+    /** Returns heading, canvas and legend of each plot, for a picture of the page. */
+    pictures: () =>
+      drawn.map(({ heading, plot, legend }) => ({
+        heading,
+        canvas: plot.ctx.canvas,
+        entries: [...legend.children].map(({ childNodes: [marker, label, value] }) => ({
+          text: `${label.textContent} ${value.textContent}`,
+          color: marker.style.borderTopColor,
+        })),
+      })),
+    span,
   };
 }

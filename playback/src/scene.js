@@ -393,6 +393,15 @@ export function build(element, { shape, cases, arrows, ground_m }, changed) {
       renderer.render(scene, camera);
       for (const { element: text, at } of labels) place(text, at);
     },
+    canvas: renderer.domElement,
+    /** Returns the visible labels with their positions in the element, px. */
+    labels: () =>
+      labels
+        .filter(({ element: text }) => !text.hidden)
+        .map(({ text, at }) => {
+          a.copy(at).project(camera);
+          return { text, x: ((a.x + 1) / 2) * element.clientWidth, y: ((1 - a.y) / 2) * element.clientHeight };
+        }),
     /** Updates the paths after new frames have been received. */
     arrived() {
       for (const line of flown) line.geometry.getAttribute("position").needsUpdate = true;

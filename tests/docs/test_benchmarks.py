@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from benchmarks import NAMES, Outcome, __main__, cold_start, floor, gpu
+from benchmarks import NAMES, Outcome, __main__, cold_start, gpu, roofline
 
 
 def test_list_has_every_benchmark_with_its_summary(capsys):
@@ -37,7 +37,7 @@ def test_gpu_benchmark_without_gpu_writes_its_result(capsys, tmp_path):
     (path,) = tmp_path.iterdir()  # and no temporary file beside it
     written = json.loads(path.read_text())
     assert path.name == "gpu.json"
-    assert "no GPU was found" in written["left_out"][0]
+    assert "no GPU was found" in written["omitted"][0]
     assert written["figures"] == {}
     assert {"date", "machine", "command", "versions", "commit", "uncommitted", "files"} <= written.keys()
     assert written["versions"]["jax"] == jax.__version__
@@ -70,5 +70,5 @@ def test_operation_count_includes_loops():
         total, _ = jax.lax.scan(lambda s, _: (s * x + 1.0, None), x, None, length=5)
         return total / x - jnp.sin(x)
 
-    counted = floor.operations(f, jnp.array(2.0))
+    counted = roofline.operations(f, jnp.array(2.0))
     assert counted == {"mul": 5, "add": 5, "div": 1, "sub": 1, "sincos": 1}

@@ -81,6 +81,8 @@ def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
         "certificate.json",
         "figure_6_certificate.pdf",
         "figure_6_certificate.png",
+        "figure_6_certificate_column.pdf",
+        "figure_6_certificate_column.png",
     }
     found = made().certificate
     for name, radii in found.ultimate_bounds.items():

@@ -18,7 +18,6 @@ from typer.testing import CliRunner
 
 from colift import codegen, scenario
 from colift.cli import common
-from colift.cli import study as study_commands
 from colift.cli.app import app
 from colift.closed_loop import log
 from colift.models import urdf
@@ -561,20 +560,6 @@ def test_commands_scenarios_and_cases_complete_in_a_shell():
 
 
 # Printed output -------------------------------------------------------------------------------------------------------
-
-
-def test_progress_lines_without_terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    """Without a terminal, lines report the start of a case, its progress and its end."""
-    message = []
-    for every in (1e9, 0.0):
-        monkeypatch.setattr(study_commands, "PROGRESS_PERIOD", every)
-        progress = study_commands.progress_lines({"C1": "no learning"}, 20.0)
-        for t in (0.0, 0.5, 1.0, 20.0):
-            progress("C1", t)
-        message.append(capsys.readouterr().err.splitlines())
-    ends = ["C1: no learning, 20 s to simulate", "C1: 20.0 of 20 s"]
-    assert message[0] == ends
-    assert message[1] == [ends[0], "C1: 0.5 of 20 s", "C1: 1.0 of 20 s", ends[1]]
 
 
 SHOW = """

@@ -83,11 +83,13 @@ class Page:
         """Wait for two animation frames, after which changes are drawn."""
         self.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(1))))")
 
-    def press(self, key: str) -> None:
-        """Press and release a key by its name in the DOM."""
-        code = {" ": 32, "ArrowLeft": 37, "ArrowRight": 39}.get(key) or ord(key.upper())
+    def press(self, key: str, code: str = "", shift: bool = False) -> None:
+        """Press and release a key by its name in the DOM, and by the code of its place on the keyboard."""
+        numbers = {" ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowRight": 39, "Escape": 27}
+        event = {"key": key, "code": code, "modifiers": 8 if shift else 0}
         for kind in ("keyDown", "keyUp"):
-            self._call("Input.dispatchKeyEvent", type=kind, key=key, windowsVirtualKeyCode=code)
+            number = numbers.get(key) or ord(key.upper())
+            self._call("Input.dispatchKeyEvent", type=kind, windowsVirtualKeyCode=number, **event)
 
     def click(self, x: float, y: float) -> None:
         """Press and release the left button at a position of the window [px]."""

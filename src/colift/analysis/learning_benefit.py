@@ -19,7 +19,7 @@ from colift.scenario.experiment import LEARNING_CASES
 NOISE_BANDWIDTH = 1.22  # noise-equivalent bandwidth of the critically damped second-order filter over its corner
 MIN_INCREASE = 1.05  # ratio of errors with and without learning from which a warning is given
 WITHOUT_LEARNING = "C1"
-FIGURES = {  # entries of the summary that learning should reduce
+METRICS = {  # entries of the summary that learning should reduce
     "e_p_rms_m": "the position error",
     "e_R_rms": "the attitude error",
     "delta_W_force_rms_N": "the force mismatch",
@@ -112,7 +112,7 @@ def describe_exceeded(found: Sequence[LabelQuality]) -> str:
 
 
 def comparison_warnings(settings: Scenario, cases: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
-    """Yield a warning for each case that learns and has a figure worse than without learning.
+    """Yield a warning for each case that learns and has a larger error than the case without learning.
 
     Args:
         settings: Scenario.
@@ -127,13 +127,13 @@ def comparison_warnings(settings: Scenario, cases: Mapping[str, Mapping[str, Any
     for case, found in cases.items():
         worse = _increases(without, found) if case in LEARNING_CASES else {}
         if worse:
-            listed = ", ".join(f"{FIGURES[key]} is {ratio:.2f} times that of C1" for key, ratio in worse.items())
+            listed = ", ".join(f"{METRICS[key]} is {ratio:.2f} times that of C1" for key, ratio in worse.items())
             yield case, f"{listed}; likely cause: {_likely_cause(settings, case, found, tuple(worse))}"
 
 
 def _increases(without: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, float]:
     """Return the ratios of the figures that are worse."""
-    ratios = {key: found[key] / without[key] for key in FIGURES if without[key] and found[key]}
+    ratios = {key: found[key] / without[key] for key in METRICS if without[key] and found[key]}
     return {key: float(ratio) for key, ratio in ratios.items() if ratio > MIN_INCREASE}
 
 

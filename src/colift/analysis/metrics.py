@@ -40,6 +40,7 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
     RMS values and means are over the second half of the flight. Norms of wrenches and of sigma are given in three
     forms: force part, moment part, and the total norm of the paper, which adds newtons and newton meters. Names end
     with the unit; a name without unit belongs to a dimensionless value, or to one that mixes newtons and newton metres.
+    Metrics of contact forces are None if the records omit `lam` or `lam_cmd`.
 
     Args:
         flight: Result of the flight.
@@ -61,16 +62,12 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
         "delta_W_rms": rms_norm(half.delta_W),
         "delta_W_force_rms_N": rms_norm(half.delta_W[:, :3]),
         "delta_W_moment_rms_Nm": rms_norm(half.delta_W[:, 3:]),
-        "e_lam_rms_N": rms_norm(half.lam - half.lam_cmd),
         **_sigma(flight),
-        "lam_max_N": float(np.linalg.norm(half.lam, axis=2).max()),
-        "contact_force_hf_rms_N": high_frequency_rms(half),
+        **_contact_forces(rows, half, nominal),
         "thrust_min_N": float(half.u.min()),
         "thrust_max_N": float(half.u.max()),
         "Phi_max_m": float(rows.Phi.max()),
         "Phi_dot_max_mps": float(rows.Phi_dot.max()),
-        "wrench_consistency_max": wrench_consistency_error(rows, nominal),
-        "interface_identity_max": interface_identity_error(rows, nominal),
         "eta_max_N": float(np.linalg.norm(rows.eta, axis=1).max(initial=0.0)),
         "saturated_ticks": int(rows.thrust_saturated.any(1).sum()),
         "min_delassus_singular_value_1pkg": float(rows.min_delassus_singular_value.min()),
@@ -83,6 +80,19 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
         "residual": residual_statistics(half, truth, nominal),
     }
     return out
+
+
+def _contact_forces(rows: StepRecord, half: StepRecord, nominal: Team) -> dict[str, float | None]:
+    """Compute the metrics of the contact forces; None for those whose records are omitted."""
+    has_true, has_commanded = (getattr(rows, name) is not None for name in ("lam", "lam_cmd"))
+    both = has_true and has_commanded
+    return {
+        "e_lam_rms_N": rms_norm(half.lam - half.lam_cmd) if both else None,
+        "lam_max_N": float(np.linalg.norm(half.lam, axis=2).max()) if has_true else None,
+        "contact_force_hf_rms_N": high_frequency_rms(half) if has_true else None,
+        "wrench_consistency_max": wrench_consistency_error(rows, nominal) if has_commanded else None,
+        "interface_identity_max": interface_identity_error(rows, nominal) if both else None,
+    }
 
 
 def warn_step_size(rows: StepRecord) -> str:

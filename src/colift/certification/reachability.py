@@ -145,8 +145,8 @@ def recovery_bound(
 ) -> Matrix:
     """Compute upper bounds like `functional_bound` by optimal recovery of every functional.
 
-    The result is never above `band`, which is kept for outputs of negligible contribution. Errors are raised as by
-    `optimal_recovery.minimize_upper_bounds`.
+    The result does not exceed `band`. Outputs with a negligible contribution keep the value of `band`. Errors are
+    raised as by `optimal_recovery.minimize_upper_bounds`.
 
     Args:
         body: Body along a path.

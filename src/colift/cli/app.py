@@ -22,6 +22,7 @@ try:
     from colift.cli import certify, common, export, init, scenario, study, view
     from colift.runtime import signals
 except KeyboardInterrupt:  # `main` does not handle signals yet
+    sys.stderr.write("interrupted\n")
     sys.exit(130)
 
 RENAMED_COMMANDS = {"new": "init", "show": "print-config", "view": "playback", "watch": "live", "attack": "falsify"}
@@ -161,7 +162,10 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")  # a character that cannot be encoded must not end a run
     try:
         with signals.handle_signals():
-            app()
+            try:
+                app()
+            finally:
+                common.report_pending_interruption()
     except OSError as error:
         if error.filename is not None:  # not an error of standard output, such as a full disk while help is printed
             raise

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import json
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,12 +14,27 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from colift.cli import common, tables
+from colift.cli import progress as progress_module
 
 if TYPE_CHECKING:
     from colift.runtime.run_directory import RunDirectory
     from colift.scenario import Scenario
     from colift.workflows.falsification import FalsificationTrial
 
+CERTIFICATION_SCHEDULE = (
+    ("linearization of the closed loop at rest", 10.0),
+    ("simulation", 30.0),
+    ("nominal trajectory", 60.0),
+    ("tube until", 65.0),
+    ("error bounds along the path of the tube", 7.0),
+    ("optimal recovery along the path of the tube", 35.0),
+    ("error bounds along the path of the run", 6.0),
+    ("optimal recovery along the path of the run", 30.0),
+    ("input-to-state stability", 20.0),
+)
+"""Steps of `colift certify` with their shares of the time, measured with `certified`."""
+ADVERSARIAL_STEP = (("adversarial test", 230.0),)
+"""Step of ``--adversarial-test`` with its share of the time."""
 FALSIFICATION_FILE = "falsification.json"
 
 
@@ -51,7 +66,8 @@ def certify(
     results = common.results_folder(out, overrides, duration, seed)
     with common.open_results(read, results, replace) as (settings, folder):
         try:
-            with common.show_progress(f"certifying {settings.name}", quiet) as progress:
+            schedule = CERTIFICATION_SCHEDULE[:-1] + ADVERSARIAL_STEP * adversarial_test + CERTIFICATION_SCHEDULE[-1:]
+            with common.show_progress(f"certifying {settings.name}", quiet, schedule) as progress:
                 made = certification.certify(settings, progress=progress)
                 worst = certification.run_adversarial_test(made, progress=progress) if adversarial_test else None
                 summary = certification.save_certificate(settings, made, worst, folder, progress)
@@ -110,7 +126,7 @@ def falsify(
         earlier = _read_trials(folder)
         try:
             with common.show_progress(f"falsifying the bounds of {settings.name}", quiet) as progress:
-                for trial in falsification.falsify(settings, requested, progress):
+                for trial in falsification.falsify(settings, requested, trial_progress(requested, progress)):
                     completed.append(trial)
                     summary = _save_trials(folder, settings, earlier, completed, requested)
         except ValueError as error:
@@ -124,6 +140,25 @@ def falsify(
             print_falsification(completed, name, options, settings.seed, folder.target)
     if any(trial.is_violated for trial in completed):
         common.exit_with(common.EXIT_VIOLATION)
+
+
+def trial_progress(trials: Sequence[str], report: progress_module.Report) -> Callable[[str], None]:
+    """Return a function of the steps of all trials that reports them with the completed share.
+
+    Args:
+        trials: Names of the trials in their order; a step with such a name begins the trial.
+        report: Function that takes the step and the completed share.
+    """
+    current = ""
+
+    def progress(step: str) -> None:
+        nonlocal current
+        current = step if step in trials else current
+        number = trials.index(current) if current else 0
+        name = current if step == current else f"{current}: {step}"
+        report(f"trial {number + 1} of {len(trials)}, {name}", number / len(trials))
+
+    return progress
 
 
 def _read_trials(folder: RunDirectory) -> dict[str, Any]:

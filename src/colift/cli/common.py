@@ -21,11 +21,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 from rich.console import Console
 
+from colift.cli import progress
 from colift.runtime import signals
 
 if TYPE_CHECKING:
-    from rich.status import Status
-
     from colift.runtime.run_directory import RunDirectory
     from colift.scenario import Scenario
 
@@ -60,6 +59,28 @@ def print_warning(message: str) -> None:
 def print_status(message: str) -> None:
     """Print a message to standard error."""
     error_console.print(message, markup=False)
+
+
+_interruption_reported: list[bool] = []
+
+
+def report_interruption(note: str = "") -> None:
+    """Print one line on a request to end the process, at the first call only.
+
+    Args:
+        note: Text after the first word, such as the state of the results.
+    """
+    if not _interruption_reported:
+        _interruption_reported.append(True)
+        print_warning(f"interrupted; {note}" if note else "interrupted")
+
+
+def report_pending_interruption() -> None:
+    """Print one line if the process is requested to end and nothing has been printed about it."""
+    try:
+        signals.raise_if_interrupted()
+    except signals.Interrupted:
+        report_interruption()
 
 
 def exit_with(status: int) -> NoReturn:
@@ -125,61 +146,47 @@ def discard_output() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-class Progress:
-    """Progress line on standard error.
-
-    An instance is called with the name of the stage that begins. It raises `signals.Interrupted` on a request to end.
-    """
-
-    def __init__(self, activity: str, status: Status | None) -> None:
-        self._activity, self._status = activity, status
-
-    def __call__(self, stage: str) -> None:
-        """Show the name of a stage."""
-        signals.raise_if_interrupted()
-        if self._status is None:
-            return
-        if error_console.is_terminal:
-            self._status.update(f"{self._activity}: {stage}")
-        else:
-            print_status(f"{self._activity}: {stage}")
-
-    @contextlib.contextmanager
-    def paused(self) -> Generator[None]:
-        """Remove the line while a block prints to standard output.
-
-        The line is drawn by another thread, and its library redirects standard output meanwhile.
-        """
-        if self._status is None:
-            yield
-            return
-        self._status.stop()
-        try:
-            yield
-        finally:
-            self._status.start()
-
-
 @contextlib.contextmanager
-def show_progress(activity: str, quiet: bool = False) -> Generator[Progress]:
-    """Show an activity and its current stage on standard error.
+def show_progress(
+    activity: str,
+    quiet: bool = False,
+    schedule: progress.Schedule = (),
+    limit: bool = False,
+    tail: float = 0.0,
+    announce: bool = True,
+) -> Generator[progress.Display]:
+    """Show an activity with its current step, elapsed time and time left on standard error.
 
-    On a terminal, one line is updated. Elsewhere, each stage is printed on a line.
+    On a terminal, one line is updated. Elsewhere, a line is printed at the start and every `progress.LINE_PERIOD`.
 
     Args:
         activity: Description of the activity.
         quiet: Print nothing.
+        schedule: Steps in their order with their shares of the time.
+        limit: True if the time left is at most the estimate.
+        tail: Estimated time after the completed share has become 1 [s].
+        announce: Whether a plain line is printed at the start; False for commands that are short in general.
 
     Yields:
-        The progress line.
+        Function that takes the name of the step that begins and the completed share. It raises `signals.Interrupted`
+        on a request to end.
     """
     if quiet:
-        yield Progress(activity, None)
+        yield _NoDisplay()
         return
-    with error_console.status(activity, spinner="line") as status:
-        if not error_console.is_terminal:
-            print_status(activity)
-        yield Progress(activity, status)
+    with progress.show_activity(error_console, activity, schedule, limit, tail, announce) as shown:
+        yield shown
+
+
+class _NoDisplay:
+    """Report that raises Interrupted on a request to end and prints nothing."""
+
+    def __call__(self, step: str, share: float | None = None) -> None:
+        del step, share
+        signals.raise_if_interrupted()
+
+    def paused(self) -> contextlib.AbstractContextManager[None]:
+        return contextlib.nullcontext()
 
 
 def print_page(message: str, page: Path, open_browser: bool) -> None:
@@ -475,7 +482,7 @@ def open_results(
                 kept = keep_on_interrupt and not folder.replaced
                 kept = kept and run_directory.written_files(folder, STUDY_FILES + CERTIFICATE_FILES)
                 note = "completed parts are in" if kept else "nothing was written to"
-                print_warning(f"interrupted; {note} {folder.target}")
+                report_interruption(f"{note} {folder.target}")
                 raise
     except (scenario.ScenarioError, codegen.CompilerError, OSError) as error:
         fail(error)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from colift.scenario import Scenario
 
+CODE_SHARE = 0.3
+"""Share of the code generation in the time of `colift export c`."""
 FlightsArgument = Annotated[
     Path, typer.Argument(metavar="OUT", help="Folder that `colift study` or `colift run` has written.")
 ]
@@ -113,9 +115,12 @@ def _export_flights(out: Path, kind: str, convert: Callable[[xr.Dataset], bytes]
     try:
         run, found = log.load_flights(out, tuple(experiment.ALL_CASES))
         files = {f"{case}.{kind}": ds for case, ds in found.items()}
-        with run_directory.stage_run_directory(out, run, tuple(files)) as folder:
-            for file, ds in files.items():
-                signals.raise_if_interrupted()
+        with (
+            run_directory.stage_run_directory(out, run, tuple(files)) as folder,
+            common.show_progress(f"exporting {out}", announce=False) as progress,
+        ):
+            for k, (file, ds) in enumerate(files.items()):
+                progress(file, k / len(files))
                 atomic_write.write_atomic(folder.path / file, convert(ds))
     except (ValueError, OSError) as error:
         common.fail(error)
@@ -167,12 +172,17 @@ def _write_c(settings: Scenario, case: str, ticks: int, folder: Path) -> None:
     from colift.integrations import c_export
     from colift.scenario import experiment
 
-    with common.show_progress(f"{settings.name}, {case}, as C") as progress:
+    with common.show_progress(f"exporting {case} of {settings.name} as C") as progress:
+        progress("team")
         flight_experiment = experiment.make_experiment(settings, case)
-        progress("simulation of the flight")
-        flight = run_experiment(flight_experiment)
+
+        def report_flight(t: float) -> None:
+            share = (1 - CODE_SHARE) * t / settings.duration_s
+            progress(f"simulation of the flight, {t:.1f} of {settings.duration_s:g} s", share)
+
+        flight = run_experiment(flight_experiment, report_flight)
         if flight.termination_reason:
             common.fail(f"{case} is incomplete, so there is no model to export: {flight.termination_reason}")
-        progress("code generation")
+        progress("code generation", 1 - CODE_SHARE)
         description = f"{settings.name}, {case}, seed {settings.seed}"
         c_export.export_c(flight_experiment, flight.model, ticks, folder, description)

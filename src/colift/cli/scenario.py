@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import os
+import re
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,6 +22,12 @@ INCOMPLETE_SEARCH = "# colift tune: the search is not complete; these are the be
 """First line of a scenario file whose search was interrupted."""
 MAX_WRITE_TIME = 2.0
 """Longest time that a thread waits for another one that writes the file [s]."""
+CHECK_SCHEDULE = (("team", 1.0), ("linearization at equilibrium", 3.0), ("linearization at equilibrium, true", 3.0))
+"""Steps of `colift check` with their shares of the time; a search for corrections follows."""
+EVALUATIONS = re.compile(r"(\d+) of at most (\d+) (linearizations|simulations)")
+"""Number of evaluations in the steps of `colift tune`."""
+LINEARIZATION_SHARE = 0.4
+"""Share of the linearizations in the time of `colift tune`; the simulations follow."""
 
 if TYPE_CHECKING:
     from colift.analysis.findings import Finding
@@ -183,7 +190,7 @@ def check(
     signals.raise_if_interrupted()
     try:
         settings = common.load_settings(name, overrides)
-        with common.show_progress(f"checking {settings.name}", quiet) as progress:
+        with common.show_progress(f"checking {settings.name}", quiet, CHECK_SCHEDULE) as progress:
 
             def report(finding: Finding) -> None:
                 if not as_json:
@@ -345,14 +352,27 @@ def _search_gains(
         try:
             from colift.analysis import gain_tuning
 
-            with common.show_progress(f"tuning {settings.name}", quiet) as progress:
-                before, after, budget = gain_tuning.tune(settings, progress, best.update)
+            with common.show_progress(f"tuning {settings.name}", quiet, limit=True) as progress:
+                before, after, budget = gain_tuning.tune(
+                    settings, lambda step: progress(step, tuning_share(step)), best.update
+                )
                 best.update(after)
                 progress("flights with both")
                 values = gain_tuning.summary_values(before), gain_tuning.summary_values(after)
                 best.save(complete=True)
         except signals.Interrupted:
             best.save()
-            common.print_warning(f"interrupted; the best gains so far are in {best.out}")
+            common.report_interruption(f"the best gains so far are in {best.out}")
             raise
     return before, after, budget, values
+
+
+def tuning_share(step: str) -> float | None:
+    """Return the completed share of `colift tune` from the number of evaluations in a step; None if it has none."""
+    found = EVALUATIONS.search(step)
+    if found is None:
+        return None
+    share = int(found[1]) / int(found[2])
+    if found[3] == "linearizations":
+        return LINEARIZATION_SHARE * share
+    return LINEARIZATION_SHARE + (1 - LINEARIZATION_SHARE) * share

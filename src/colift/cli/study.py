@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import math
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from colift.cli import common, tables
+from colift.cli import progress as progress_module
 
 if TYPE_CHECKING:
     from colift.analysis.feasibility import FeasibilityReport
@@ -20,8 +19,10 @@ if TYPE_CHECKING:
     from colift.runtime.run_directory import RunDirectory
     from colift.scenario import Scenario
 
-PROGRESS_PERIOD = 5.0
-"""Shortest time between two lines of progress where no progress bar can be drawn [s]."""
+PREPARATION = (("team", 1.0), ("linearization", 3.0))
+"""Steps before the flights with their shares of the time."""
+OUTPUT_TIME = 15.0
+"""Estimated time for logs and figures after the flights [s]."""
 
 
 def study(
@@ -122,7 +123,8 @@ def _simulate(
     from colift.workflows import generalization
 
     with common.open_results(read, out, replace) as (settings, folder):
-        with common.show_progress(f"preparing {settings.name}", quiet) as progress:
+        with common.show_progress(f"preparing {settings.name}", quiet, PREPARATION) as progress:
+            progress("team")
             experiments = experiment.make_experiments(settings, cases)
             held_out_experiments = generalization.held_out_experiments(settings, cases) if held_out else {}
             progress("linearization at equilibrium")
@@ -147,7 +149,7 @@ def _run_with_progress(
     held_out: Mapping[str, Mapping[str, Experiment]],
     quiet: bool,
 ) -> dict[str, Any]:
-    """Run a study with a progress bar for each case, or with lines where no bar can be drawn."""
+    """Run a study and show its progress."""
     from colift.scenario import experiment
     from colift.workflows import generalization
     from colift.workflows.study import run_study
@@ -155,57 +157,43 @@ def _run_with_progress(
     titles = {case: experiment.ALL_CASES[case] for case in experiments}
     if held_out:
         titles |= generalization.titles(titles)
-    simulate = functools.partial(run_study, settings, folder, experiments, feasibility_report, held_out=held_out)
-    if quiet:
-        return simulate()
-    if not common.error_console.is_terminal:
-        return simulate(progress=progress_lines(titles, settings.duration_s))
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.completed:5.1f} of {task.total:g} s"),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=common.error_console) as bars:
-        tasks = {
-            case: bars.add_task(f"{case:3} {title}", total=settings.duration_s, start=False)
-            for case, title in titles.items()
-        }
-
-        def progress(case: str, t: float) -> None:
-            if t == 0.0:
-                bars.start_task(tasks[case])
-            bars.update(tasks[case], completed=t)
-
-        return simulate(progress=progress)
+    with common.show_progress(f"simulating {settings.name}", quiet, tail=OUTPUT_TIME) as progress:
+        return run_study(
+            settings,
+            folder,
+            experiments,
+            feasibility_report,
+            flight_progress(titles, settings.duration_s, progress),
+            held_out,
+        )
 
 
-def progress_lines(titles: Mapping[str, str], duration: float) -> Callable[[str, float], None]:
-    """Return a function that prints progress where no bar can be drawn.
-
-    It prints a line when a case begins, when it ends, and in between at most one every `PROGRESS_PERIOD`.
+def flight_progress(
+    titles: Mapping[str, str], duration: float, report: progress_module.Report
+) -> Callable[[str, float], None]:
+    """Return a function that reports the progress of several flights of equal duration.
 
     Args:
-        titles: Descriptions by case.
+        titles: Description of each flight.
         duration: Duration of a flight [s].
+        report: Function that takes the step and the completed share of all flights.
 
     Returns:
-        Function of the case and the simulated time [s].
+        Function of the flight and the simulated time [s].
     """
-    last_printed = -math.inf
+    simulated: dict[str, float] = {}
 
     def progress(case: str, t: float) -> None:
-        nonlocal last_printed
-        now = time.monotonic()
-        if t == 0.0:
-            common.print_status(f"{case}: {titles[case]}, {duration:g} s to simulate")
-        elif now - last_printed >= PROGRESS_PERIOD or t >= duration:
-            common.print_status(f"{case}: {t:.1f} of {duration:g} s")
+        if case not in simulated:  # an earlier flight may have ended early
+            simulated.update(dict.fromkeys(simulated, duration))
+        simulated[case] = min(t, duration)
+        share = sum(simulated.values()) / (duration * len(titles))
+        if t < duration:
+            report(f"{case} ({titles[case]}), {t:.1f} of {duration:g} s", share)
+        elif len(simulated) < len(titles):
+            report(f"{case}, error bounds and log", share)
         else:
-            return
-        last_printed = now
+            report(f"{case}, error bounds, logs and figures", share)
 
     return progress
 

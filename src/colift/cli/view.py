@@ -2,81 +2,138 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 import webbrowser
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from colift.cli import certify, common, tables
 from colift.runtime import signals
 
+if TYPE_CHECKING:
+    from colift.cli.progress import Report
+    from colift.visualization.camera import Camera
+    from colift.visualization.rendering import Framing, RenderData
+
 StudyArgument = Annotated[
     Path, typer.Argument(metavar="OUT", help="Folder that `colift study` or `colift run` has written.")
+]
+ImageOption = Annotated[
+    Path | None, typer.Option("--image", metavar="FILE", help="Write an image instead: PNG, PDF or SVG.")
+]
+TimeOption = Annotated[float, typer.Option("--at", metavar="SECONDS", help="Time of the image in the flight.")]
+VideoOption = Annotated[
+    Path | None,
+    typer.Option("--video", metavar="FILE", help="Write a video instead: GIF, or MP4 (requires ffmpeg)."),
+]
+SpeedOption = Annotated[
+    float, typer.Option("--speed", min=0.1, max=20, help="Speed of the video relative to real time.")
+]
+PictureCasesOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--case",
+        help="Case in the image or video; repeatable, or separated by commas; default: C3.",
+        autocompletion=common.complete_case,
+    ),
+]
+SizeOption = Annotated[
+    str | None,
+    typer.Option("--size", metavar="WIDTHxHEIGHT", help="Size of the image or video in pixels, such as 1280x720."),
+]
+ViewOption = Annotated[
+    str,
+    typer.Option(
+        "--view",
+        metavar="VIEW",
+        help="Direction of view: oblique, front, side, top, or AZIMUTH,ELEVATION in degrees, such as 30,20.",
+    ),
+]
+FollowOption = Annotated[
+    bool | None,
+    typer.Option(
+        "--follow/--whole",
+        help="Follow the payload, or show the whole flight; default: whole if the team fills 40 % of the height.",
+        show_default=False,
+    ),
+]
+StartOption = Annotated[
+    float, typer.Option("--from", metavar="SECONDS", help="Time in the flight at which the video begins.")
+]
+EndOption = Annotated[
+    float | None,
+    typer.Option(
+        "--to", metavar="SECONDS", help="Time in the flight at which the video ends; default: end of the flight."
+    ),
 ]
 
 
 def playback(
     out: StudyArgument,
     open_page: common.OpenOption = False,
-    image: Annotated[
-        Path | None, typer.Option("--image", metavar="FILE", help="Write an image instead: PNG, PDF or SVG.")
-    ] = None,
-    at: Annotated[float, typer.Option("--at", metavar="SECONDS", help="Time of the image in the flight.")] = 0.0,
-    video: Annotated[
-        Path | None,
-        typer.Option("--video", metavar="FILE", help="Write a video instead: GIF, or MP4 (requires ffmpeg)."),
-    ] = None,
-    speed: Annotated[
-        float, typer.Option("--speed", min=0.1, max=20, help="Speed of the video relative to real time.")
-    ] = 1.0,
-    cases: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--case",
-            help="Case in the image or video; repeatable, or separated by commas; default: C3.",
-            autocompletion=common.complete_case,
-        ),
-    ] = None,
+    *,
+    image: ImageOption = None,
+    at: TimeOption = 0.0,
+    video: VideoOption = None,
+    speed: SpeedOption = 1.0,
+    cases: PictureCasesOption = None,
+    size: SizeOption = None,
+    view: ViewOption = "oblique",
+    follow: FollowOption = None,
+    start: StartOption = 0.0,
+    end: EndOption = None,
 ) -> None:
-    """Write an interactive page that plays back the flights of a study.
+    """Write an interactive page that plays back the flights of a study, or an image or a video of them.
 
     The page is OUT/playback.html and requires no network (docs/playback.md).
     """
     from colift.scenario import experiment
-    from colift.visualization import playback
+    from colift.visualization import camera, playback, rendering
 
     try:
         if image or video:
-            _render(out, common.parse_cases(cases or ["C3"]), experiment.ALL_CASES, image, at, video, speed)
+            framing = rendering.Framing(size=parse_size(size), follow=follow, start=start, end=end)
+            requested = common.parse_cases(cases or ["C3"])
+            with common.show_progress(f"rendering {video or image}", announce=bool(video)) as progress:
+                progress("reading the flights")
+                data = _render_data(out, requested, experiment.ALL_CASES, camera.parse_view(view))
+                _render(data, image, at, video, speed, framing, progress)
+            with common.guard_output():
+                print(f"{', '.join(requested)}: {', '.join(str(file) for file in (image, video) if file)}")
             return
-        page = playback.write(out, experiment.ALL_CASES)
+        with common.show_progress(f"writing the playback page of {out}", announce=False):
+            page = playback.write(out, experiment.ALL_CASES)
     except (ValueError, OSError) as error:
         common.fail(error)
     common.print_page(f"the flights are in {page}", page, open_page)
 
 
-def _render(
-    out: Path,
-    cases: Sequence[str],
-    titles: Mapping[str, str],
-    image: Path | None,
-    at: float,
-    video: Path | None,
-    speed: float,
-) -> None:
-    """Write an image, a video or both of some cases.
+def parse_size(text: str | None) -> tuple[int, int] | None:
+    """Return the width and height of a text such as ``1280x720``; None for None.
+
+    Raises:
+        ValueError: If the text has another form.
+    """
+    if text is None:
+        return None
+    numbers = text.lower().split("x")
+    if len(numbers) != 2 or not all(number.isdecimal() for number in numbers):
+        raise ValueError(f"--size {text}: must be WIDTHxHEIGHT in pixels, such as 1280x720")
+    return int(numbers[0]), int(numbers[1])
+
+
+def _render_data(out: Path, cases: Sequence[str], titles: Mapping[str, str], direction: Camera) -> list[RenderData]:
+    """Return the drawing data of some cases of a folder.
 
     Args:
         out: Folder of the study.
         cases: Identifiers of the cases.
         titles: Descriptions of all cases.
-        image: File of the image.
-        at: Time of the image [s].
-        video: File of the video.
-        speed: Speed of the video relative to real time.
+        direction: Camera of all images.
 
     Raises:
         ValueError: If the folder holds no log of a case.
@@ -88,13 +145,41 @@ def _render(
     if missing := [case for case in cases if case not in found]:
         raise ValueError(f"{out} holds {', '.join(found)}, not {', '.join(missing)}: choose by --case")
     data = [rendering.render_data(found[case], axes.case_label(case, titles)) for case in cases]
+    return [dataclasses.replace(each, camera=direction) for each in data]
+
+
+def _render(
+    data: Sequence[RenderData],
+    image: Path | None,
+    at: float,
+    video: Path | None,
+    speed: float,
+    framing: Framing,
+    progress: Report,
+) -> None:
+    """Write an image, a video or both.
+
+    Args:
+        data: Drawing data of each case.
+        image: File of the image.
+        at: Time of the image [s].
+        video: File of the video.
+        speed: Speed of the video relative to real time.
+        framing: Size, view and time span.
+        progress: Function that takes the step and the completed share.
+    """
+    from colift.visualization import rendering
+
     if image:
-        rendering.render_image(data, at, image)
+        rendering.render_image(data, at, image, framing)
     if video:
-        with common.show_progress(f"rendering {video}"):
-            rendering.render_video(data, video, speed)
-    with common.guard_output():
-        print(f"{', '.join(cases)}: {', '.join(str(file) for file in (image, video) if file)}")
+        rendering.render_video(
+            data,
+            video,
+            speed,
+            framing=framing,
+            progress=lambda done, total: progress(f"frame {done + 1} of {total}", done / total),
+        )
 
 
 def live(
@@ -147,16 +232,17 @@ def report(out: StudyArgument, open_page: common.OpenOption = False) -> None:
     from colift.visualization.report import write_report
 
     try:
-        page = write_report(
-            out,
-            experiment.ALL_CASES,
-            tables.study_table,
-            lambda summary: (
-                tables.certificate_table(summary),
-                certify.certificate_notes(summary),
-                tables.CERTIFICATE_COLUMNS,
-            ),
-        )
+        with common.show_progress(f"writing the report of {out}", announce=False):
+            page = write_report(
+                out,
+                experiment.ALL_CASES,
+                tables.study_table,
+                lambda summary: (
+                    tables.certificate_table(summary),
+                    certify.certificate_notes(summary),
+                    tables.CERTIFICATE_COLUMNS,
+                ),
+            )
     except (ValueError, OSError) as error:
         common.fail(error)
     common.print_page(f"the report is {page}", page, open_page)
@@ -191,9 +277,10 @@ def compare(
 
     required = common.parse_cases(cases or ())
     try:
-        runs = comparison.load_runs(folders, required or tuple(experiment.ALL_CASES), required)
-        target = common.results_folder(out, suffix="-comparison")(runs[0].settings)
-        page, figure, _ = comparison_page.write_comparison(runs, target, experiment.ALL_CASES)
+        with common.show_progress(f"comparing {len(folders)} folders", announce=False):
+            runs = comparison.load_runs(folders, required or tuple(experiment.ALL_CASES), required)
+            target = common.results_folder(out, suffix="-comparison")(runs[0].settings)
+            page, figure, _ = comparison_page.write_comparison(runs, target, experiment.ALL_CASES)
     except (ValueError, OSError) as error:
         common.fail(error)
     found = comparison.compare_cases(runs)
@@ -219,7 +306,8 @@ def browse(
     from colift.visualization import index_page
 
     try:
-        page, runs = index_page.write_index(folder, experiment.ALL_CASES)
+        with common.show_progress(f"searching {folder}", announce=False):
+            page, runs = index_page.write_index(folder, experiment.ALL_CASES)
     except (ValueError, OSError) as error:
         common.fail(error)
     damaged = sum(bool(run.damage) for run in runs)
@@ -247,7 +335,8 @@ def draw(
     try:
         settings = common.load_settings(name, overrides, duration)
         folder = common.results_folder(out, overrides, duration, suffix="-team")(settings)
-        files = team_figure.write_team_figure(settings, folder)
+        with common.show_progress(f"drawing {settings.name}", announce=False):
+            files = team_figure.write_team_figure(settings, folder)
     except (scenario.ScenarioError, OSError) as error:
         common.fail(error)
     with common.guard_output():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,8 +24,17 @@ SAMPLE_PERIOD = 0.01  # s, time between drawn points
 COLUMNS = 4  # cases side by side in the width of a page
 TITLE_WIDTH = 30  # characters in a line of a column title
 GREY = "#444444"  # color of legend entries that apply to all cases
-MAX_DECADES = 7  # of a logarithmic axis; smaller values are numerical zeros
+MAX_DECADES = 4
+"""Decades of a logarithmic axis below the largest value."""
+QUADRATIC_DECADES = 8
+"""Decades for a quadratic function of an error, such as the attitude error function."""
+SMALLEST_VALUE = 1e-6
+"""Lower limit of a logarithmic axis, in the unit of the axis; smaller values are numerical zeros."""
 BRIEF = 0.005  # share of the drawn values that may lie below a logarithmic axis: zero crossings of a norm
+TRUE_VALUE_STYLE: dict[str, Any] = {"color": "#88DDCC", "linewidth": 2.2, "solid_capstyle": "butt"}
+"""Line style of true values in all figures; estimates are drawn above it in the color of the case."""
+HANDLE_CHARACTERS = 8  # width of a legend handle and its margins
+LEGEND_LINE, LEGEND_MARGIN = 0.125, 0.07  # in, height of a line of a legend inside of axes, and its margins
 ACTIVE_SHADE = "0.92"  # grey level of the span in which internal forces act
 
 Cases = Mapping[str, xr.Dataset]  # log of each case
@@ -33,21 +43,28 @@ Cases = Mapping[str, xr.Dataset]  # log of each case
 # Axes -----------------------------------------------------------------------------------------------------------------
 
 
-def log_scale(ax: Axes) -> None:
+def log_scale(ax: Axes, decades: int = MAX_DECADES, smallest: float = SMALLEST_VALUE) -> None:
     """Make the y axis logarithmic, with ticks at decades, or at 1, 2 and 5 if it spans less than two decades.
 
-    The axis omits the smallest values, a share of `BRIEF` of all lines, and values more than `MAX_DECADES` below the
-    largest. A line that falls below the axis ends at its lower edge.
+    The axis omits the smallest values, a share of `BRIEF` of all lines. It also ends at a number of decades below the
+    largest value or at a smallest value, which a note then states. A line that falls below the axis ends at its lower
+    edge.
 
     Args:
         ax: Axes to change, with all lines; axes that share the y axis change too.
+        decades: Number of decades below the largest value.
+        smallest: Lower limit of the axis, in its unit.
     """
     ax.set_yscale("log")
     low, high = ax.get_ylim()
     if len(values := _drawn_values(ax)):
-        floor = max(0.7 * float(np.quantile(values, BRIEF)), 10.0**-MAX_DECADES * float(values.max()))
-        low = max(low, floor)
+        usual = 0.7 * float(np.quantile(values, BRIEF))
+        floor = max(10.0**-decades * float(values.max()), smallest)
+        low, high = max(low, usual, floor), max(high, 10 * floor)
         ax.set_ylim(low, high)
+        if floor > usual:
+            note = f"below {low:.2g}: not shown"
+            ax.text(0.995, 0.02, note, transform=ax.transAxes, ha="right", va="bottom", fontsize=6, color=GREY)
     narrow = high < 100 * low
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if narrow else (1.0,), numticks=20))
     ax.yaxis.set_minor_locator(LogLocator(subs=range(2, 10), numticks=20))
@@ -142,6 +159,51 @@ def shade_all(ax: Axes, t: np.ndarray, active: np.ndarray) -> None:
     """
     ax.fill_between(
         t, 0, 1, where=active, transform=ax.get_xaxis_transform(), color=ACTIVE_SHADE, linewidth=0, zorder=0
+    )
+
+
+def legend_columns(labels: Sequence[str], characters: int) -> int:
+    """Return the number of columns of a legend, from 1 to `COLUMNS`.
+
+    Args:
+        labels: Labels of the entries.
+        characters: Number of characters in a line.
+
+    Returns:
+        The largest number of columns in which all labels fit.
+    """
+    fitting = characters // (max(map(len, labels)) + HANDLE_CHARACTERS)
+    return min(COLUMNS, len(labels), max(1, fitting))
+
+
+def legend_inside(ax: Axes, handles: Sequence[Artist], labels: Sequence[str], columns: int) -> None:
+    """Add a legend at the upper edge of logarithmic axes, above all lines.
+
+    Args:
+        ax: Axes with a logarithmic y axis; its upper limit is raised.
+        handles: Handles of the entries.
+        labels: Labels of the entries.
+        columns: Number of columns.
+    """
+    panels = len(ax.figure.axes)
+    height = ax.figure.bbox.height / ax.figure.dpi / panels - 0.25
+    share = (LEGEND_LINE * -(-len(labels) // columns) + LEGEND_MARGIN) / height
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, low * (high / low) ** (1 / (1 - share)))
+    ax.legend(
+        handles,
+        labels,
+        loc="upper center",
+        ncols=columns,
+        fontsize=6.5,
+        handlelength=2.2,
+        columnspacing=0.9,
+        labelspacing=0.25,
+        borderaxespad=0.3,
+        frameon=True,  # vertical lines do not cross the text
+        facecolor="white",
+        edgecolor="none",
+        framealpha=1.0,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,13 +16,10 @@ from colift.analysis import contact_forces, poses
 from colift.models import grasp
 from colift.scenario import team
 from colift.visualization import axes as axes_module
-from colift.visualization.style import LONG_DASHES, PAGE_WIDTH
+from colift.visualization.style import PAGE_WIDTH
 
-PARTS = {"external": "#004488", "internal": "#CC3311"}
-"""Color of each part of the contact forces."""
-TRUTH_OPACITY = 0.35
-TRUTH_STYLE: dict[str, Any] = {"linewidth": 2.2, "alpha": TRUTH_OPACITY, "solid_capstyle": "butt"}
-ESTIMATE_STYLE: dict[str, Any] = {"linewidth": 0.9, "linestyle": LONG_DASHES}
+PARTS = ("external", "internal")
+"""Parts of the contact forces in the order of their line styles."""
 ROW_HEIGHT = 0.85  # in
 MAX_HEIGHT = 9.2  # in, of all rows, so that the figure fits a page
 
@@ -64,8 +60,8 @@ def plot_contact_force_parts(cases: axes_module.Cases, descriptions: Mapping[str
     grid = figure.subplots(len(contacts), 3, sharex=True, sharey="col", squeeze=False)
     for i, contact in enumerate(contacts):
         for k, axis in enumerate("xyz"):
-            for part, color in PARTS.items():
-                _plot_part(grid[i, k], ds, *(getattr(x, part)[:, i, k] for x in (truth, estimate)), color)
+            for n, part in enumerate(PARTS):
+                _plot_part(grid[i, k], ds, name, n, *(getattr(x, part)[:, i, k] for x in (truth, estimate)))
             axes_module.shade_span(grid[i, k], ds.time.values, axes_module.norm(ds.eta) > 0)
             if i == 0:
                 grid[i, k].set_title(f"${axis}$ component, payload frame")
@@ -74,24 +70,28 @@ def plot_contact_force_parts(cases: axes_module.Cases, descriptions: Mapping[str
         axes_module.time_axis(ax, {name: ds})
     figure.suptitle(axes_module.title(name, ds, descriptions).replace("\n", " "), fontsize=8)
     figure.align_ylabels(grid[:, 0])
-    _add_legend(figure, bool((axes_module.norm(ds.eta) > 0).any()))
+    _add_legend(figure, name, bool((axes_module.norm(ds.eta) > 0).any()))
     return figure
 
 
-def _plot_part(ax: Axes, ds: xr.Dataset, truth: np.ndarray, estimate: np.ndarray, color: str) -> None:
-    """Plot true value and moving average of the estimate of one component."""
+def _plot_part(ax: Axes, ds: xr.Dataset, case: str, part: int, truth: np.ndarray, estimate: np.ndarray) -> None:
+    """Plot true value and moving average of the estimate of one component; `part` is an index of `PARTS`."""
     t, n = axes_module.decimate(ds, ds.time), axes_module.samples(ds, axes_module.SMOOTHING_WINDOW)
-    ax.plot(t, axes_module.decimate(ds, truth), color=color, **TRUTH_STYLE)
-    ax.plot(t, axes_module.decimate(ds, uniform_filter1d(estimate, n)), color=color, **ESTIMATE_STYLE)
+    color, dashes = axes_module.body_style(case, part, len(PARTS))
+    ax.plot(t, axes_module.decimate(ds, truth), **axes_module.TRUE_VALUE_STYLE, zorder=1.5)
+    ax.plot(t, axes_module.decimate(ds, uniform_filter1d(estimate, n)), color=color, linestyle=dashes, linewidth=0.9)
 
 
-def _add_legend(figure: Figure, internal: bool) -> None:
+def _add_legend(figure: Figure, case: str, internal: bool) -> None:
     """Add the legend below all panels."""
     handles: list[Artist] = []
     labels = []
-    for part, color in PARTS.items():
-        handles += [Line2D([], [], color=color, **TRUTH_STYLE), Line2D([], [], color=color, **ESTIMATE_STYLE)]
-        labels += [f"{part}, true", f"{part}, estimate ({axes_module.SMOOTHING_WINDOW:g} s mean)"]
+    for k, part in enumerate(PARTS):
+        color, dashes = axes_module.body_style(case, k, len(PARTS))
+        handles.append(Line2D([], [], color=color, linestyle=dashes, linewidth=0.9))
+        labels.append(f"{part}, estimate ({axes_module.SMOOTHING_WINDOW:g} s mean)")
+    handles.append(Line2D([], [], **axes_module.TRUE_VALUE_STYLE))
+    labels.append("true value")
     if internal:
         handles.append(axes_module.active_patch())
         labels.append(r"$\eta$ active")

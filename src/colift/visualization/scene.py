@@ -206,7 +206,11 @@ def plot_signals(ds: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def error_signals(ds: xr.Dataset) -> dict[str, np.ndarray]:
-    """Compute the position error `e_p` [m] and the rotation angle to the reference `angle` [deg] at all rows of a log.
+    """Compute the errors and residual forces of the payload at all rows of a log.
+
+    - `e_p`: norm of the position error [m].
+    - `angle`: rotation angle to the reference [deg].
+    - `residual`, `residual_hat`: true and predicted residual force on the payload [N].
 
     Args:
         ds: Log.
@@ -218,6 +222,8 @@ def error_signals(ds: xr.Dataset) -> dict[str, np.ndarray]:
     return {
         "e_p": np.linalg.norm(ds.e_p.values, axis=1)[:, None],
         "angle": np.rad2deg(angle)[:, None],
+        "residual": ds.f_L_force.values,
+        "residual_hat": ds.f_L_hat_force.values,
     }
 
 

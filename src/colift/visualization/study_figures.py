@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -23,6 +23,7 @@ from colift.closed_loop import log
 from colift.visualization import axes as axes_module
 from colift.visualization import contact_force_figures, rendering, team_figure, uncertainty_figures
 from colift.visualization.style import (
+    COLUMN_WIDTH,
     DASH_PATTERNS,
     DOTS,
     PAGE_WIDTH,
@@ -34,12 +35,10 @@ from colift.visualization.style import (
     tint,
 )
 
-COMPARISON_COLUMNS = 4  # of the legend of figures that show all cases
-LEGEND_CHARACTERS = 150  # in one line of the legend, with its handles
-HANDLE_CHARACTERS = 8  # width of a handle and its margins
+LEGEND_CHARACTERS, COLUMN_CHARACTERS = 150, 70  # in one line of a legend of page width and of column width
+PAPER_CASES = ("C1", "C2", "C3")  # a caption explains them; the legend of a single column contains their names only
 MARKERS = 9  # per line, so that lines differ in black and white
 RANGE_OPACITY = 0.3  # opacity of the range of a noisy signal
-TRUE_VALUE_STYLE: dict[str, Any] = {"color": "#88DDCC", "linewidth": 2.2, "solid_capstyle": "butt"}
 CHANGE_POINT_STYLE: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
 REFIT_STYLE: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
 EVENTS = {
@@ -52,7 +51,8 @@ TERMINATION_MARKER: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle
 def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], folder: str | Path) -> list[Path]:
     """Write all figures of a study as PDF and PNG (300 dpi).
 
-    Figures 1 and 2 show all cases. Figures with one column per case omit the baselines if there are other cases.
+    Figures 1 and 2 show all cases; they have a second version with the width of one column. Figures with
+    one column per case omit the baselines if there are other cases.
     Figure 7 shows the cases with online correction, and figure 8 the last case that is no baseline. The line of a case
     that stopped early ends in a cross. The metadata of each file contain the run id.
     A folder that cannot be written raises `OSError`.
@@ -78,7 +78,9 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
     plots: dict[str, Callable[[], Figure]] = {
         "figure_0_team": lambda: plot_team(cases),
         "figure_1_tracking": lambda: plot_tracking_error(cases, descriptions),
+        "figure_1_tracking_column": lambda: plot_tracking_error(cases, descriptions, single_column=True),
         "figure_2_mismatch": lambda: plot_wrench_mismatch(cases, descriptions),
+        "figure_2_mismatch_column": lambda: plot_wrench_mismatch(cases, descriptions, single_column=True),
         "figure_3_deviation": lambda: uncertainty_figures.plot_predictive_std(in_columns, descriptions),
         "figure_4_forces": lambda: plot_contact_forces(in_columns, descriptions),
         "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(in_columns, descriptions),
@@ -107,8 +109,33 @@ def plot_team(cases: axes_module.Cases) -> Figure:
     return team_figure.plot_team(rendering.render_data(next(iter(cases.values()))))
 
 
+class Panel(NamedTuple):
+    """Panel of a figure that compares all cases.
+
+    Attributes:
+        label: Label of the logarithmic y axis.
+        decades: Largest number of decades of the axis.
+    """
+
+    label: str
+    decades: int = axes_module.MAX_DECADES
+
+
+TRACKING_PANELS = (
+    Panel(r"$\|e_p\|$ [m]"),
+    Panel(r"$\Psi$ [–]", axes_module.QUADRATIC_DECADES),
+)
+MISMATCH_PANELS = tuple(
+    Panel(f"{label}\n({axes_module.SMOOTHING_WINDOW:g} s RMS)")
+    for label in (r"$\|\Delta F\|$ [N]", r"$\|\Delta \tau\|$ [N m]")
+)
+
+
 def plot_tracking_error(
-    cases: axes_module.Cases, descriptions: Mapping[str, str], styles: Mapping[str, LineStyle] | None = None
+    cases: axes_module.Cases,
+    descriptions: Mapping[str, str],
+    styles: Mapping[str, LineStyle] | None = None,
+    single_column: bool = False,
 ) -> Figure:
     """Plot figure 1: norm of the position error `|e_p|` and attitude error function `Psi`.
 
@@ -116,20 +143,24 @@ def plot_tracking_error(
         cases: Log of each case.
         descriptions: Description of each case.
         styles: Line style of each case; default: `style_of`.
+        single_column: Whether the figure has the width of one column, with the legend inside.
 
     Returns:
         The figure.
     """
     lines = {name: (ds.time.values, (axes_module.norm(ds.e_p), ds.Psi.values)) for name, ds in cases.items()}
-    return _plot_comparison(cases, descriptions, lines, [r"$\|e_p\|$ [m]", r"$\Psi$ [–]"], styles)
+    return _plot_comparison(cases, descriptions, lines, TRACKING_PANELS, styles, single_column)
 
 
-def plot_wrench_mismatch(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
-    """Plot figure 2: RMS of the wrench mismatch `delta_W` over a window, separately for force and moment.
+def plot_wrench_mismatch(
+    cases: axes_module.Cases, descriptions: Mapping[str, str], single_column: bool = False
+) -> Figure:
+    """Plot figure 2: norms of the wrench mismatch, force `|Delta F|` and moment `|Delta tau|`, as moving RMS.
 
     Args:
         cases: Log of each case.
         descriptions: Description of each case.
+        single_column: Whether the figure has the width of one column, with the legend inside.
 
     Returns:
         The figure.
@@ -141,10 +172,7 @@ def plot_wrench_mismatch(cases: axes_module.Cases, descriptions: Mapping[str, st
         )
         for name, ds in cases.items()
     }
-    labels = [r"$\|\Delta F\|$ [N]", r"$\|\Delta \tau\|$ [N m]"]
-    return _plot_comparison(
-        cases, descriptions, lines, [f"{label}\n({axes_module.SMOOTHING_WINDOW:g} s RMS)" for label in labels]
-    )
+    return _plot_comparison(cases, descriptions, lines, MISMATCH_PANELS, single_column=single_column)
 
 
 Lines = Mapping[str, tuple[np.ndarray, Sequence[np.ndarray]]]  # by case: times, and one signal per panel
@@ -154,29 +182,35 @@ def _plot_comparison(
     cases: axes_module.Cases,
     descriptions: Mapping[str, str],
     lines: Lines,
-    labels: Sequence[str],
+    panels: Sequence[Panel],
     styles: Mapping[str, LineStyle] | None = None,
+    single_column: bool = False,
 ) -> Figure:
-    """Plot all cases in panels below each other, with the legend below them."""
-    legend = [axes_module.case_label(name, descriptions) for name in cases]
-    fitting = LEGEND_CHARACTERS // (max(map(len, legend)) + HANDLE_CHARACTERS)
-    columns = min(COMPARISON_COLUMNS, len(cases), max(1, fitting))
-    figure = NotebookFigure(figsize=(PAGE_WIDTH, 3.6 + 0.16 * math.ceil(len(cases) / columns)))
-    axes = list(figure.subplots(len(labels), 1, sharex=True))
+    """Plot all cases in panels below each other, with the legend below them, or inside in a single column."""
+    legend = [
+        name if single_column and name in PAPER_CASES else axes_module.case_label(name, descriptions) for name in cases
+    ]
+    columns = axes_module.legend_columns(legend, COLUMN_CHARACTERS if single_column else LEGEND_CHARACTERS)
+    size = (COLUMN_WIDTH, 3.4) if single_column else (PAGE_WIDTH, 3.6 + 0.16 * math.ceil(len(cases) / columns))
+    figure = NotebookFigure(figsize=size)
+    axes = list(figure.subplots(len(panels), 1, sharex=True))
     for k, (name, ds) in enumerate(cases.items()):
         t, signals = lines[name]
         for ax, y in zip(axes, signals, strict=True):
             _plot_line(ax, name, (styles or {}).get(name, style_of(name)), ds, t, y, k / len(cases))
-    for ax, label in zip(axes, labels, strict=True):
-        axes_module.log_scale(ax)
-        ax.set_ylabel(label)
+    for ax, panel in zip(axes, panels, strict=True):
+        axes_module.log_scale(ax, panel.decades, 10.0 ** (-1.5 * panel.decades))
+        ax.set_ylabel(panel.label)
     axes_module.time_axis(axes[-1], cases)
     axes_module.draw_update_lines(axes, cases)
     handles, _ = axes[0].get_legend_handles_labels()
     if not all(ds.attrs["complete"] for ds in cases.values()):
         handles.append(Line2D([], [], **TERMINATION_MARKER, color="black"))
         legend.append("stopped early")
-    figure.legend(handles, legend, loc="outside lower center", ncols=columns)
+    if single_column:
+        axes_module.legend_inside(axes[0], handles, legend, columns)
+    else:
+        figure.legend(handles, legend, loc="outside lower center", ncols=columns)
     figure.align_ylabels(axes)
     return figure
 
@@ -255,7 +289,7 @@ def _plot_contacts(ax: Axes, name: str, ds: xr.Dataset, contacts: Sequence[str])
         estimate, truth = (axes_module.norm(x.sel(contact=contact)) for x in (ds.lam_hat, ds.lam))
         low, high = (limit(estimate, n)[:: max(1, n // 2)] for limit in (minimum_filter1d, maximum_filter1d))
         ax.fill_between(ds.time[:: max(1, n // 2)], low, high, color=color, alpha=RANGE_OPACITY, linewidth=0)
-        ax.plot(t, axes_module.decimate(ds, truth), **TRUE_VALUE_STYLE, zorder=1.5)
+        ax.plot(t, axes_module.decimate(ds, truth), **axes_module.TRUE_VALUE_STYLE, zorder=1.5)
         ax.plot(
             t, axes_module.decimate(ds, uniform_filter1d(estimate, n)), color=color, linestyle=dashes, linewidth=1.0
         )
@@ -270,7 +304,10 @@ def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
     styles = [(tint(axes_module.GREY, k, len(arms)), DASH_PATTERNS[k % len(DASH_PATTERNS)]) for k in arms]
     handles: list[Artist] = [Line2D([], [], color=color, linestyle=dashes) for color, dashes in styles]
     labels = [f"{' or '.join(names)}, {axes_module.SMOOTHING_WINDOW:g} s mean" for names in arms.values()]
-    handles += [Patch(color=axes_module.GREY, alpha=RANGE_OPACITY, linewidth=0), Line2D([], [], **TRUE_VALUE_STYLE)]
+    handles += [
+        Patch(color=axes_module.GREY, alpha=RANGE_OPACITY, linewidth=0),
+        Line2D([], [], **axes_module.TRUE_VALUE_STYLE),
+    ]
     labels += [f"range in {axes_module.SMOOTHING_WINDOW:g} s", "true value"]
     if internal:
         handles.append(axes_module.active_patch())

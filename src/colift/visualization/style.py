@@ -116,7 +116,7 @@ FALLBACK_STYLES = (  # for cases without an entry in LINE_STYLES; a case has the
     LineStyle("#661100", DASH_DOT, "8"),
     LineStyle("#0077BB", DOTS, "H"),
 )
-AGENT_COLORS = ("#228833", "#AA3377", "#997700", "#0099BB", "#774411", "#555555")
+AGENT_COLORS = ("#7755AA", "#997700", "#774411", "#5588AA", "#AA7799", "#555555")
 DASH_PATTERNS: tuple[Dashes, ...] = (
     "-",
     LONG_DASHES,

@@ -38,9 +38,9 @@ def plot_team(data: rendering.RenderData, values: bool = False) -> Figure:
     near, far = figure.subplots(1, 2)
     rendering.draw(near, data, 0, close=True, names=True, values=values)
     near.set_title("team at its initial state" + ", forces in hover" * values)
-    rendering.draw(far, data, 0, whole_path=True)
+    rendering.draw(far, data, 0)
     far.set_title("whole path")
-    path = data.signals["p_d"] @ np.stack([rendering.CAMERA_RIGHT, rendering.CAMERA_UP], axis=1)
+    path = data.camera.project(data.signals["p_d"])
     hidden = {"color": rendering.REFERENCE, "linewidth": 0.6, "alpha": 0.6}  # the part behind bodies
     far.plot(*path.T, **hidden, zorder=6, scalex=False, scaley=False)
     handles, labels = _key(data)

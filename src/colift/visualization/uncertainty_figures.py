@@ -119,7 +119,8 @@ def plot_error_radius(cases: axes.Cases, descriptions: Mapping[str, str]) -> Fig
     ]
     figure = _plot_by_body(cases, descriptions, plot_panel, handles, lambda: _marker_legend(used_markers))
     attrs = next(iter(cases.values())).attrs
-    status = f"assumed: {attrs['bound_assumptions']}" if attrs["bound_assumptions"] else "all assumptions met"
+    assumptions = str(attrs["bound_assumptions"]).replace("rkhs", "RKHS")
+    status = f"assumed: {assumptions}" if assumptions else "all assumptions met"
     figure.suptitle(
         f"{attrs['rho_bound'].replace('_', ' ')} bound, confidence {attrs['rho_confidence']:g}; {status}",
         fontsize=8,

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import xarray as xr
 
-from colift.analysis import feasibility, metrics
+from colift.analysis import feasibility
 from colift.closed_loop import flight as closed_loop_flight
 from colift.closed_loop import log, part_checks
 from colift.closed_loop.flight import FlightResult
@@ -98,8 +98,8 @@ class Flight(FlightResult):
 
     @functools.cached_property
     def metrics(self) -> Metrics:
-        """Metrics over the second half of the flight, as in `summary.json`."""
-        return Metrics(metrics.summary(self, self.experiment.world.team, self.experiment.controller.team))
+        """Metrics over the second half of the flight, as in `summary.json` except for the computation times."""
+        return Metrics(study.flight_metrics(self.experiment.scenario, self, self.experiment, self.dataset))
 
     def save(self, path: str | Path) -> None:
         """Write the log as NetCDF.

@@ -46,8 +46,8 @@ STUDY_FILES = (
 CERTIFICATE_FILES = (
     "certificate.json",
     "falsification.json",
-    "figure_6_certificate.pdf",
-    "figure_6_certificate.png",
+    "figure_6_*.pdf",
+    "figure_6_*.png",
 )
 
 
@@ -116,12 +116,7 @@ def run_study(
         start = time.perf_counter()
         data[case] = flight_dataset(settings, case, flight, experiment, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
-        found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
-        signals = (np.asarray(getattr(flight.records, name)) for name in ("t", "r", "r_dot", "tau_r"))
-        found["contact_forces"] = contact_forces.contact_force_statistics(
-            data[case], np.asarray(grasp.contact_points(experiment.world.team))
-        )
-        found["warnings"] += joint_limits.flight_violations(settings, *signals)
+        found = flight_metrics(settings, flight, experiment, data[case])
         found["wall_time_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found
         if flight.updates:
@@ -149,6 +144,27 @@ def run_study(
             )
     summary["wall_time_s"] = {"figures": time.perf_counter() - start}
     return atomic_write.write_json_atomic(summary, out.path / run_directory.SUMMARY_FILE)
+
+
+def flight_metrics(settings: Scenario, flight: FlightResult, experiment: Experiment, ds: xr.Dataset) -> dict[str, Any]:
+    """Compute the metrics of a flight, with statistics of its contact forces and warnings about joint limits.
+
+    Args:
+        settings: Scenario.
+        flight: Result of the flight.
+        experiment: Experiment of the flight.
+        ds: Log of the flight.
+
+    Returns:
+        Values by name, as in `summary.json`. The entry `contact_forces` is empty if the log has no contact forces.
+    """
+    found = metrics.summary(flight, experiment.world.team, experiment.controller.team)
+    points = np.asarray(grasp.contact_points(experiment.world.team))
+    has_forces = "lam" in ds and "lam_hat" in ds
+    found["contact_forces"] = contact_forces.contact_force_statistics(ds, points) if has_forces else {}
+    signals = (np.asarray(getattr(flight.records, name)) for name in ("t", "r", "r_dot", "tau_r"))
+    found["warnings"] += joint_limits.flight_violations(settings, *signals)
+    return found
 
 
 def _read_earlier_study(out: RunDirectory, repeated: Collection[str]) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:

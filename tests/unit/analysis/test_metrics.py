@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 
 import jax
@@ -96,6 +97,27 @@ def test_summary_uses_the_second_half():
     each = [np.linalg.norm(sigma.agent_std[0][late, j], axis=1) for j in range(2)]
     assert found["sigma_A_mean"] == pytest.approx((each[0] + each[1]).mean(), rel=1e-12)
     assert found["sigma_L_force_mean_N"] == pytest.approx(np.linalg.norm(sigma.payload_std[late, :3], axis=1).mean())
+
+
+@pytest.mark.parametrize(
+    ("omitted", "missing"),
+    [
+        (("lam",), {"e_lam_rms_N", "lam_max_N", "contact_force_hf_rms_N", "interface_identity_max"}),
+        (("lam_cmd",), {"e_lam_rms_N", "wrench_consistency_max", "interface_identity_max"}),
+        (("lam_hat",), set()),
+    ],
+)
+def test_metrics_without_contact_forces(omitted, missing):
+    """Records that omit contact forces have all other metrics, and None for those of the contact forces."""
+    complete = flight(11)
+    records = copy.copy(complete.records)
+    for name in omitted:
+        object.__setattr__(records, name, None)
+    incomplete = copy.copy(complete)
+    object.__setattr__(incomplete, "records", records)
+    expected, found = (metrics.summary(each, TRUTH, NOMINAL) for each in (complete, incomplete))
+    assert {name for name in expected if found[name] is None and expected[name] is not None} == missing
+    assert found["e_p_rms_m"] == expected["e_p_rms_m"]
 
 
 @pytest.mark.parametrize(("hertz", "share"), [(60.0, 1.0), (100.0, 1.0), (20.0, 0.5), (3.0, 0.0)])

@@ -332,6 +332,86 @@ def test_keyboard_controls(page):
 
 
 @needs_browser
+def test_keys_select_cases_and_times(page):
+    end = page.evaluate("state().end")
+    page.press("End")
+    assert page.evaluate("state().t") == pytest.approx(end)
+    page.press("%", code="Digit5", shift=True)
+    assert page.evaluate("state().t") == pytest.approx(0.5 * end)
+    page.press("ArrowLeft", shift=True)
+    assert page.evaluate("state().t") == pytest.approx(max(0.5 * end - 1, 0))
+    page.press("1")
+    assert page.evaluate("state().case") == next(iter(CASES))
+    page.press("9")  # there is no such case
+    assert page.evaluate("state().case") == next(iter(CASES))
+    page.press("Home")
+    assert page.evaluate("state().t") == 0
+
+
+@needs_browser
+def test_list_of_keys_opens_and_closes(page):
+    page.press("?")
+    assert page.evaluate("document.querySelector('#help').open")
+    assert "Home, End" in page.evaluate("document.querySelector('#help').textContent")
+    page.press("1")
+    assert page.evaluate("state().case") == "C3"  # keys have no effect beside the list
+    page.press("Escape")
+    page.wait("!document.querySelector('#help').open")
+
+
+@needs_browser
+def test_fragment_states_case_time_and_signals(page):
+    page.evaluate("location.hash = '#case=C1&t=0.5&signals=position:z,thrust,unknown'")
+    page.wait("state().t === 0.5")
+    assert page.evaluate("state().case") == "C1"
+    assert page.evaluate("[...document.querySelectorAll('section')].map((each) => each.id)") == [
+        "plot-position",
+        "plot-thrust",
+    ]
+    page.press("ArrowRight")
+    page.wait("location.hash === '#case=C1&t=0.53&signals=position:z,thrust'")
+    page.evaluate("location.hash = '#case=C9&t=x'")  # ignored
+    page.evaluate("document.querySelector('#signals input').click()")
+    page.wait("location.hash === '#case=C1&t=0.53&signals=thrust'")
+
+
+@needs_browser
+def test_components_equal_the_log(page, flown):
+    """The readout at a time is the logged component."""
+    ds = flown["C3"]
+    k = int(scene.frame_rows(ds)[7])
+    page.evaluate("location.hash = '#case=C3&t=0&signals=position:y,contact:x,residual:z'")
+    page.wait("document.querySelectorAll('section').length === 3")
+    page.evaluate(f"seek({float(ds.time[k])!r})")
+    read = lambda plot: page.evaluate(  # noqa: E731
+        f"[...document.querySelectorAll('#plot-{plot} .curves span')].map((each) => [each.childNodes[1].textContent, "
+        "Number(each.childNodes[2].textContent)])"
+    )
+    found = dict(read("position"))
+    assert found["C3"] == pytest.approx(float(ds.p[k, 1] - ds.p_d[k, 1]), rel=6e-3, abs=1e-6)
+    assert [value for _, value in read("contact")] == pytest.approx(ds.lam.values[k, :, 0].tolist(), rel=6e-3, abs=1e-6)
+    assert dict(read("residual"))["true"] == pytest.approx(float(ds.f_L_force[k, 2]), rel=6e-3, abs=1e-6)
+
+
+@needs_browser
+def test_numerical_zeros_are_not_on_a_log_axis(browser_window, flown, tmp_path):
+    ds = flown["C3"].copy(deep=True)
+    ds.e_R[:], ds.Psi[:] = 1e-24, 0.0
+    (tmp_path / "page.html").write_text(playback.build_page({"C3": ds}, CASES), encoding="utf-8")
+    browser_window.open(tmp_path / "page.html")
+    title = browser_window.evaluate("document.querySelector('#plot-attitude h2 small').textContent")
+    assert title == "below 0.00001 deg: not shown"
+
+
+@needs_browser
+def test_picture_contains_scene_and_plots(page):
+    data = page.evaluate("picture()").split(",")[1]
+    with Image.open(io.BytesIO(base64.b64decode(data))) as picture:
+        assert picture.width > page.evaluate("document.querySelector('#stage').clientWidth") + 400
+        assert len(picture.convert("RGB").getcolors(1 << 20)) > 300
+
+
+@needs_browser
 def test_speed_buttons_and_keyboard_focus(page):
     """A higher speed is faster, and the space key does not press a focused button again."""
     page.evaluate("document.querySelector('#speed').value = 0.1, document.querySelector('#speed').onchange()")

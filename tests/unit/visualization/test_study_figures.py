@@ -60,14 +60,16 @@ def folder(cases, tmp_path_factory):
 
 
 def test_figures_are_written_as_pdf_and_png(folder):
-    names = ("figure_0_team", *FIGURES, "figure_8_contact_forces")
+    columns = ("figure_1_tracking_column", "figure_2_mismatch_column")
+    names = ("figure_0_team", *FIGURES, "figure_8_contact_forces", *columns)
     assert {file.name for file in folder.iterdir()} == {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
     for file in folder.iterdir():
         if file.suffix == ".png":
             with Image.open(file) as image:
                 assert image.info["Keywords"] == flights.RUN
                 assert image.info["dpi"] == pytest.approx((300, 300), abs=0.1)
-                assert image.width == pytest.approx(300 * style.PAGE_WIDTH, abs=1)
+                width = style.COLUMN_WIDTH if file.stem in columns else style.PAGE_WIDTH
+                assert image.width == pytest.approx(300 * width, abs=1)
                 assert image.convert("L").getextrema()[1] == 255
                 assert image.convert("L").getextrema()[0] < 40
         else:
@@ -190,7 +192,9 @@ def test_numerical_zeros_do_not_widen_a_log_axis():
     ds.e_p[100] = 1e-9  # a zero crossing
     position, attitude = study_figures.plot_tracking_error({"C3": ds}, TOLD).axes
     assert 1e-3 < position.get_ylim()[0] < 1.7e-2 < position.get_ylim()[1]
-    assert attitude.get_ylim()[0] == pytest.approx(1e-3 * 10.0**-axes.MAX_DECADES)
+    assert attitude.get_ylim()[0] == pytest.approx(1e-3 * 10.0**-axes.QUADRATIC_DECADES)
+    assert [text.get_text() for text in attitude.texts] == ["below 1e-11: not shown"]
+    assert not position.texts
 
 
 def test_fast_logs_are_decimated_to_10_ms(cases):
@@ -219,8 +223,8 @@ def test_figure_4_draws_estimates_and_truth_of_every_contact(cases):
     panels = np.array(figure.axes).reshape(3, 3)
     for (i, agent), (k, name) in itertools.product(enumerate(cases["C1"].agent.values), enumerate(CASES)):
         ds, ax = cases[name], panels[i, k]
-        below = [line for line in ax.lines if line.get_color() == study_figures.TRUE_VALUE_STYLE["color"]]
-        above = [line for line in ax.lines if line.get_color() != study_figures.TRUE_VALUE_STYLE["color"]]
+        below = [line for line in ax.lines if line.get_color() == axes.TRUE_VALUE_STYLE["color"]]
+        above = [line for line in ax.lines if line.get_color() != axes.TRUE_VALUE_STYLE["color"]]
         assert max(line.get_zorder() for line in below) < min(line.get_zorder() for line in above)
         assert min(line.get_linewidth() for line in below) > 2 * max(line.get_linewidth() for line in above)
         truths, means = [line.get_ydata() for line in below], [line.get_ydata() for line in above]
@@ -398,7 +402,9 @@ def test_baselines_are_omitted_beside_other_cases(cases, tmp_path, monkeypatch):
     for name, function in plots.items():
         modules = (study_figures, uncertainty_figures, contact_force_figures)
         where = next(module for module in modules if hasattr(module, function))
-        monkeypatch.setattr(where, function, lambda cases, *_, name=name: drawn.update({name: list(cases)}) or Figure())
+        monkeypatch.setattr(
+            where, function, lambda cases, *_, name=name, **_k: drawn.update({name: list(cases)}) or Figure()
+        )
     monkeypatch.setattr(study_figures, "save_figure", lambda *_: [])
     study_figures.write_figures({"true_residual": cases["true_residual"]}, TOLD, tmp_path)
     assert set(map(tuple, drawn.values())) == {("true_residual",)}

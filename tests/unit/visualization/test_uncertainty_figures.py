@@ -105,6 +105,6 @@ def test_figure_5_marks_missing_and_exceeded_bounds(cases):
 
 def test_figure_5_names_its_assumptions(cases):
     title = uncertainty_figures.plot_error_radius({"C3": cases["C3"]}, TOLD).get_suptitle()
-    assert "assumed: rkhs norm, bounded noise energy" in title
+    assert "assumed: RKHS norm, bounded noise energy" in title
     met = cases["C3"].assign_attrs(bound_assumptions="")
     assert "all assumptions met" in uncertainty_figures.plot_error_radius({"C3": met}, TOLD).get_suptitle()

@@ -31,7 +31,7 @@ class Interval(Start):
 
 
 class RampTime(Section):
-    """A section with changes that are spread over a time."""
+    """Section of settings that change gradually, over a ramp time."""
 
     ramp_time_s: fields.Span
     """Duration of each smooth rise, decay or change."""

@@ -1,4 +1,4 @@
-"""Theoretical minimum of the computing time: operations of the emitted graph over the measured peak rate.
+"""Roofline bound of the computing time: operations of the emitted graph over the measured peak rate.
 
 The native back end emits a graph of scalar operations, including loops. An addition, subtraction, multiplication,
 division or square root is one operation; sines and cosines are counted separately (a pair is one call). The peak is the
@@ -125,21 +125,21 @@ def run(seconds: float) -> Outcome:
         seconds,
     )
     flops = {name: sum(found[op] for op in ARITHMETIC) for name, found in rows.items()}
-    floor = float(flops["one step"] / rate)
+    bound = float(flops["one step"] / rate)
     print(f"{'':<34} {'operations':>10} {'of which':>9} {'sincos':>7}")
     for name, found in rows.items():
         print(f"{name:<34} {flops[name]:>10} {found['div'] + found['sqrt']:>5} / √ {found['sincos']:>7}")
-    print(f"matrix product, one thread: {rate / 1e9:.1f} GFLOP/s; floor of a step {floor * 1e6:.3g} us")
+    print(f"matrix product, one thread: {rate / 1e9:.1f} GFLOP/s; roofline bound of a step {bound * 1e6:.3g} us")
     measured = {name: float(np.median(t)) for name, t in times.items()}
     for name, t in measured.items():
-        print(f"  {name}: {t * 1e6:.3g} us a step, {t / floor:.1f} times the floor")
+        print(f"  {name}: {t * 1e6:.3g} us per step, {t / bound:.1f} times the bound")
     return Outcome(
         {
             "counts": {name: dict(found) for name, found in rows.items()},
             "operations": flops,
-            "GFLOP_a_second": float(rate) / 1e9,
-            "floor_us_a_step": floor * 1e6,
-            "us_a_step": {name: t * 1e6 for name, t in measured.items()},
-            "times_the_floor": {name: t / floor for name, t in measured.items()},
+            "gflop_per_second": float(rate) / 1e9,
+            "roofline_time_per_step_us": bound * 1e6,
+            "time_per_step_us": {name: t * 1e6 for name, t in measured.items()},
+            "time_over_roofline": {name: t / bound for name, t in measured.items()},
         }
     )
