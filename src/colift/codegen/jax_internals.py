@@ -1,4 +1,4 @@
-"""The one module that touches internals of JAX (jaxprs, parameters and rules of primitives), besides `program_cache`.
+"""The one module that touches internals of JAX: jaxprs, primitives with their rules, and the cache of programs.
 
 JAX documents neither the form of a jaxpr nor the parameters of its primitives as stable. This module reads them into
 `Program` and `TracedEquation`, and checks the parameters of every equation. Where JAX has changed, it raises
@@ -15,12 +15,13 @@ import contextlib
 import functools
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 
 MISSING = ""
-"""Error of an import from JAX that this package requires; "" this there is none."""
+"""Error of an import from JAX that this package requires; "" if there is none."""
 
 try:
     from jax.core import ShapedArray, Tracer, eval_jaxpr
@@ -417,3 +418,21 @@ def backends_are_initialized() -> bool:
     """Return whether JAX has used a device in this process; False if this version of JAX does not provide it."""
     bridge = getattr(getattr(jax, "_src", None), "xla_bridge", None)
     return bool(getattr(bridge, "backends_are_initialized", lambda: False)())
+
+
+def replace_file_cache(folder: Path, make_cache: Callable[[str], Any]) -> None:
+    """Use another cache of compiled programs for a folder; other folders and unknown versions are not changed.
+
+    Args:
+        folder: Folder of the cache.
+        make_cache: Returns a cache with the methods `get` and `put` from the path of the folder.
+    """
+    module = getattr(getattr(jax, "_src", None), "compilation_cache", None)
+    original = getattr(module, "get_file_cache", None)
+    if module is None or original is None:
+        return
+
+    def get_file_cache(path: str) -> Any:
+        return (make_cache(path), path) if Path(path) == folder else original(path)
+
+    module.get_file_cache = get_file_cache

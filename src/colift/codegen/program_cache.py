@@ -10,10 +10,8 @@ import contextlib
 import hashlib
 import secrets
 from pathlib import Path
-from typing import Any
 
-import jax
-
+from colift.codegen import jax_internals
 from colift.runtime import cache
 
 DIGEST_SIZE = 32
@@ -72,24 +70,7 @@ def _entry_digest(key: str, content: bytes) -> bytes:
     return hashlib.sha256(key.encode() + b"\0" + content).digest()
 
 
-def verify_cached_programs(folder: Path) -> None:
-    """Use `VerifiedCache` in place of JAX's cache for a folder; other folders, and unknown versions, are not changed.
-
-    Args:
-        folder: Folder of the cache of colift.
-    """
-    module = getattr(getattr(jax, "_src", None), "compilation_cache", None)
-    original = getattr(module, "get_file_cache", None)
-    if module is None or original is None:
-        return
-
-    def get_file_cache(path: str) -> Any:
-        return (VerifiedCache(path), path) if Path(path) == folder else original(path)
-
-    module.get_file_cache = get_file_cache
-
-
 def install() -> None:
     """Verify the compiled programs in the cache folder of colift; without such a folder nothing is changed."""
     with contextlib.suppress(cache.CacheUnavailable):  # reported at the import of colift
-        verify_cached_programs(cache.cache_directory("jax"))
+        jax_internals.replace_file_cache(cache.cache_directory("jax"), VerifiedCache)

@@ -18,7 +18,7 @@ from collections.abc import Callable, Generator
 
 GRACE_PERIOD = 5.0
 """Time [s] from the first signal to forced termination, for computations that check the flag rarely."""
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 """Signals that request termination; a terminal that is closed sends SIGHUP."""
 
 _received: list[int] = []  # the first signal
