@@ -143,38 +143,6 @@ def tangent(contacts: Float[np.ndarray, "arms 3"]) -> np.ndarray | None:
     return None if radius < 1e-6 else np.array([-center[1], center[0], 0.0]) / radius
 
 
-def yaw_zero(team: Team, state: State, thrust: Float[np.ndarray, "agents"]) -> float:
-    """Compute the zero in the right half plane of the payload's yaw command.
-
-    Yaw forces along a bound direction follow the tilt with the factor `1 - (m l / u) s^2`; all others act at once.
-    Contact forces are proportional to the horizontal distance from the center of mass, so the zero is
-
-        `z^-2 = sum_j n_j |c_j|^2 (m_j l_j / u_j) / sum_b |c_b|^2`
-
-    with n_j contacts of mean c_j of agent j, and l_j the lever of the bound part of the tangent. For equal agents with
-    one contact and a bound tangent it is `sqrt(u / (m l))`.
-
-    Args:
-        team: Team.
-        state: State at rest.
-        thrust: Thrust of each agent in hover [N].
-
-    Returns:
-        The zero z [rad/s]; infinite if there is none.
-    """
-    total = delay = 0.0
-    for (_, agent, r, R), u in zip(grasp.iter_agents(team, state, ()), thrust, strict=True):
-        contacts = np.asarray(agent.contact_position)
-        total += float((contacts[:, :2] ** 2).sum())
-        if (direction := tangent(contacts)) is None:
-            continue
-        mobility = tip_mobility.tip_mobility(agent, r)
-        along = mobility.bound.T @ (mobility.bound @ (R.T @ np.asarray(state.payload.R) @ direction))
-        weight = len(contacts) * float((contact_center(contacts) ** 2).sum())
-        delay += weight * mobility.mass * mobility.lever(along) / float(u)
-    return math.sqrt(total / delay) if delay > 1e-6 * total else math.inf
-
-
 def advised_yaw_gains(zero: float) -> tuple[float, float]:
     """Return yaw gains `k_R` [1/s^2] and `k_omega` [1/s] for a zero [rad/s], rounded to two digits."""
     stiffness, rate = ADVISED_YAW_GAINS

@@ -17,6 +17,7 @@ from colift.analysis.bound_axes import BoundAxis
 from colift.analysis.findings import Finding, Level
 from colift.models.parameters import Team
 from colift.models.state import State
+from colift.onboard.control import bound_tips
 from colift.scenario import Scenario, controllers, gain_limits, team
 
 REFERENCE_TORQUE = 0.01
@@ -94,12 +95,15 @@ def check_yaw_gains(
         truth: True parameters.
         state: State at rest.
         axes: Bound axes of the team.
-        zero: Zero of the payload's yaw command [rad/s], see `bound_axes.yaw_zero`.
+        zero: Zero of the payload's yaw command [rad/s], see `bound_tips.yaw_zero`.
 
     Yields:
-        One finding, or none if yaw does not act through bound directions.
+        One finding, or none if the zero does not limit the stated gains.
     """
-    if not np.isfinite(zero):
+    given = settings.control
+    stated = float(np.broadcast_to(given.k_R, 3)[2]), float(np.broadcast_to(given.k_omega, 3)[2])
+    unlimited = bound_tips.default_yaw_gains(zero, *stated) == stated
+    if unlimited and bound_axes.yaw_gains_within_limit(zero, *stated):
         return
     gains = controllers.gains(settings, truth)
     k_R, k_omega = np.asarray(gains.k_R), np.asarray(gains.k_omega)

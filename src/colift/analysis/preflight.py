@@ -29,7 +29,7 @@ from colift.closed_loop import flight
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import State
-from colift.onboard.control import label_feedback
+from colift.onboard.control import bound_tips, label_feedback
 from colift.scenario import (
     Scenario,
     ScenarioError,
@@ -44,6 +44,7 @@ from colift.scenario import (
 
 MAX_GRASP_CONDITION = 30.0  # of the grasp matrix with moments divided by the RMS distance of the contacts
 MAX_LINEARIZED_JOINTS = 10  # of an agent; the time of compilation grows with them
+MAX_BUILT_JOINTS = 16  # of an agent; the equations of a larger one take more than a minute to compile
 SAMPLE_TIMES = 400  # times on the reference at which the required thrust is evaluated
 WEAK_THRUST_MARGIN = 0.2  # share of the largest thrust below which the remaining thrust is weak
 
@@ -83,7 +84,11 @@ def run_preflight(
         found.add([failure("build", message, {}, *(error.advice for error in errors))])
         return PreflightReport(settings.name, tuple(found.items))
     found.add([_contacts(settings, truth)])
+    largest = max(len(settings.agent_types[agent.type].joints) for agent in settings.agents)
     try:
+        if largest > MAX_BUILT_JOINTS:
+            found.add(_unbuilt(settings, truth, nominal, largest, thrust_margin))
+            return PreflightReport(settings.name, tuple(found.items))
         progress("team")
         c1 = experiment.make_experiment(settings, "C1")
         _check_built(found, settings, c1, "C1", progress, thrust_margin, budget if search else None)
@@ -336,6 +341,38 @@ def _slower(settings: Scenario) -> str:
     return ", or use a slower reference"
 
 
+def _unbuilt(settings: Scenario, truth: Team, nominal: Team, largest: int, margin: float) -> Iterator[Finding]:
+    """Report the thrust in hover from the allocation alone, and that nothing else is evaluated."""
+    names = team.agent_names(settings)
+    available = np.concatenate([group.thrust_max for group in truth.agent_groups])
+    weight = -float(truth.payload.mass) * np.append(truth.gravity, np.zeros(3))
+    allocation, _ = controllers.allocation(settings, nominal)
+    lam = (np.asarray(allocation.right_inverse) @ weight + np.asarray(allocation.offset)).reshape(-1, 3)
+    shares = np.concatenate([
+        lam_group.sum(1) - group.mass.sum(1)[:, None] * truth.gravity[None]
+        for group, lam_group in zip(truth.agent_groups, grasp.split_contacts(truth, lam), strict=True)
+    ])  # fmt: skip
+    required = np.linalg.norm(shares, axis=1)
+    k = int(np.argmin(1 - required / available))
+    worst = float(1 - required[k] / available[k])
+    level = Level.failed if worst < margin else Level.weak if worst < WEAK_THRUST_MARGIN else Level.passed
+    limit = margin if level is Level.failed else max(margin, WEAK_THRUST_MARGIN)
+    yield Finding(
+        "thrust",
+        f"smallest margin in hover without disturbances {worst:.1%} of {available[k]:.4g} N ({names[k]})",
+        {"hover_thrust_N": dict(zip(names, required.tolist(), strict=True))},
+        () if worst >= limit else (_thrust_advice(settings, "hover", k, required, available, limit),),
+        level,
+    )
+    yield Finding(
+        "slowest mode",
+        f"not evaluated: the equations of an agent with {largest} joints take more than a minute to compile",
+        {"stable": None},
+        (f"use agents with at most {MAX_LINEARIZED_JOINTS} joints, or freeze joints of the vehicle",),
+        Level.weak,
+    )
+
+
 def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: State) -> Iterator[Finding]:
     """Report the bound axes of the agents, and check the gains that they limit; no finding without weight."""
     world, names = case_experiment.world, team.agent_names(settings)
@@ -347,7 +384,7 @@ def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: S
         return
     torques = termination.disturbance_torques(world.team, world.disturbances, state)
     yield from bound_axis_checks.check_bound_axes(settings, axes, torques)
-    zero = bound_axes.yaw_zero(world.team, state, thrust)
+    zero = bound_tips.yaw_zero(controllers.agents_in_hover(settings, world.team))
     yield from bound_axis_checks.check_yaw_gains(settings, world.team, state, axes, zero)
     limits = gain_limits.translation_limits(settings, world.team)
     yield from bound_axis_checks.check_translation_gains(settings, limits)

