@@ -254,7 +254,9 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 def _one_line(folder: Path, error: Exception) -> str:
     """Return an error in one line that contains the folder."""
-    message = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    message = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        message = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     line = " ".join(message.split())
     return line if str(folder) in line else f"{folder}: {line}"
 
