@@ -215,7 +215,8 @@ def _load_run(folder: Path, name: str, cases: Sequence[str]) -> ComparedRun:
         raise ValueError(f"{folder} is no run: it contains no {path.name}")
     summary = result_files.load_summary(path)
     try:
-        present = [case for case in cases if case in summary["cases"] and (folder / f"{case}.nc").is_file()]
+        names = {file.name for file in folder.iterdir()}
+        present = [case for case in cases if case in summary["cases"] and f"{case}.nc" in names]
         if not present:
             raise ValueError(f"{folder} contains no log of {', '.join(cases)}")
         run, flights = log.load_flights(folder, present)
@@ -253,7 +254,9 @@ def _names(folders: Sequence[Path]) -> list[str]:
 
 def _one_line(folder: Path, error: Exception) -> str:
     """Return an error in one line that contains the folder."""
-    message = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    message = str(error)
+    if isinstance(error, OSError) and error.strerror:
+        message = error.strerror if error.filename is None else f"{error.filename}: {error.strerror}"
     line = " ".join(message.split())
     return line if str(folder) in line else f"{folder}: {line}"
 

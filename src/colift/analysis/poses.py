@@ -57,6 +57,8 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
 
 def _check_team(settings: Scenario, ds: xr.Dataset) -> None:
     """Raise ValueError if the team of the scenario has another number of agents, joints or contacts than the log."""
+    if "agent" not in ds.sizes:  # a part of a log
+        return
     joints = ds.sizes.get("joint", 0) + ds.sizes.get("prismatic_joint", 0)
     for what, names, number in (
         ("agents", team_names.agent_names(settings), ds.sizes["agent"]),

@@ -58,6 +58,23 @@ OPTIONAL = ("slowest_mode", "stability_margins", "adversarial_test")
 """Sections that may be null."""
 
 
+REQUIRED_OF_CASE = ("complete", "termination_reason", "warnings", "update_times_s")
+REQUIRED_OF_CASE += tuple(metric.key for metric in STUDY_METRICS)
+"""Entries of a case that a further study of the same run uses."""
+
+
+def refuse_incomplete_case(case: str, found: Mapping[str, Any]) -> None:
+    """Raise ValueError if a case of a summary lacks an entry that a further study uses.
+
+    Args:
+        case: Identifier of the case.
+        found: Summary of the case.
+    """
+    for key in REQUIRED_OF_CASE:
+        if key not in found:
+            raise ValueError(f"{case} has no entry {key!r}")
+
+
 def find_damage(content: Mapping[str, Any], types: Mapping[str, str]) -> Iterator[str]:
     """Yield the entries of a result file that have a wrong type.
 

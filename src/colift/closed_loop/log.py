@@ -226,7 +226,7 @@ def load(path: str | Path) -> xr.Dataset:
     try:
         with h5py.File(io.BytesIO(content)):  # h5netcdf prints a traceback if it cannot open a file
             pass
-        ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False)
+        ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False, phony_dims="access")
     # HDF5 and its readers raise many types on damaged bytes; the bytes are in memory, so any error is damage
     except Exception as error:
         raise ValueError(f"{path}: not a NetCDF-4 file, or damaged") from error
@@ -266,9 +266,11 @@ def load_flights(folder: Path, cases: Iterable[str]) -> tuple[str, dict[str, xr.
         The id of the run, and its logs by case.
 
     Raises:
+        OSError: If a log cannot be read, also if a folder or a pipe has its name.
         ValueError: If the folder contains no log of these cases, or logs of different runs.
     """
-    flights = {case: load(folder / f"{case}.nc") for case in cases if (folder / f"{case}.nc").is_file()}
+    present = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+    flights = {case: load(folder / f"{case}.nc") for case in cases if f"{case}.nc" in present}
     if not flights:
         names = ", ".join(f"{case}.nc" for case in cases)
         raise ValueError(f"{folder} contains no log ({names}): run colift study first")

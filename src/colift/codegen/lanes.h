@@ -164,9 +164,10 @@ static inline void N(sincos)(V x, V *sine, V *cosine) {
   V half = 0.5 * z;
   V w = 1.0 - half;
   V c = w + (((1.0 - w) - half) + (z * q - y * tail));
+  const integer sign = INT64_MIN; /* the sign bit of a double */
   M odd = -(quadrant & 1);
-  *sine = N(real)(N(bits)(N(sel)(odd, c, s)) ^ ((quadrant & 2) << 62));
-  *cosine = N(real)(N(bits)(N(sel)(odd, s, c)) ^ (((quadrant + 1) & 2) << 62));
+  *sine = N(real)(N(bits)(N(sel)(odd, c, s)) ^ (-((quadrant >> 1) & 1) & sign));
+  *cosine = N(real)(N(bits)(N(sel)(odd, s, c)) ^ (-(((quadrant + 1) >> 1) & 1) & sign));
 }
 
 /* e^x = 2^k e^r with |r| at most ln 2 / 2, e^r by a Taylor polynomial of order 13; error below 1 ulp */

@@ -83,11 +83,12 @@ def write_report(
             f"{out} contains flights of {first.attrs['run']} and a {SUMMARY} of {run}: run colift study again"
         )
     settings = poses.scenario_of_log(first)
-    certificate = None
-    if (out / CERTIFICATE).is_file() and run_directory.read_run_id(out / CERTIFICATE) == run:
-        certificate = result_files.load_certificate(out / CERTIFICATE)
-    with _report_damage(out / (SUMMARY if certificate is None else CERTIFICATE)):
-        warnings = collect_warnings(summary, certificate)
+    certificate = _load_certificate(out, run)
+    with _report_damage(out / SUMMARY):
+        warnings = collect_warnings(summary, None)
+    if certificate is not None:
+        with _report_damage(out / CERTIFICATE):
+            warnings = collect_warnings(summary, certificate)
     with _report_damage(out / SUMMARY):
         parts = [
             _head(settings, summary),
@@ -118,6 +119,15 @@ def write_report(
     with run_directory.stage_run_directory(out, run, (PAGE_FILE,)) as folder:
         atomic_write.write_atomic(folder.path / PAGE_FILE, text.encode())
     return out / PAGE_FILE
+
+
+def _load_certificate(out: Path, run: str) -> dict[str, Any] | None:
+    """Return the certificate of a run; None if the folder contains none, or that of another run."""
+    path = out / CERTIFICATE
+    if not (path.exists() or path.is_symlink()):
+        return None
+    certificate = result_files.load_certificate(path)
+    return certificate if str(certificate.get("run")) == run else None
 
 
 @contextlib.contextmanager

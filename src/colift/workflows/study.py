@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from colift.analysis import contact_forces, joint_limits, learning_benefit, metrics, result_files
+from colift.analysis import contact_forces, joint_limits, learning_benefit, metrics, result_checks, result_files
 from colift.analysis.feasibility import FeasibilityReport
 from colift.certification import assumptions
 from colift.closed_loop import log
@@ -176,6 +176,8 @@ def _read_earlier_study(out: RunDirectory, repeated: Collection[str]) -> tuple[d
     try:
         earlier = result_files.load_summary(path)
         kept = [case for case in earlier["cases"] if case not in repeated]
+        for case in kept:
+            result_checks.refuse_incomplete_case(case, earlier["cases"][case])
         return earlier, {case: log.load(out.path / f"{case}.nc") for case in kept}
     except (OSError, ValueError, KeyError, TypeError) as error:
         reason = str(error).replace(str(out.path), str(out.target))

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from colift.analysis import result_files
+from colift.analysis import result_checks, result_files
 from tests.support import summaries
 
 BODY = {"exceeded_share": {"plain": 0.1, "force": 0.0}, "tightness_median": 4.0, "beta": [2.0]}
@@ -221,3 +221,11 @@ def test_optional_sections_may_be_null(tmp_path):
     path = tmp_path / "summary.json"
     path.write_text(json.dumps(summaries.SUMMARY | {"cases": {}, "slowest_mode": None}))
     assert result_files.load_summary(path)["slowest_mode"] is None
+
+
+def test_a_case_without_a_required_entry_is_refused():
+    complete = summaries.metrics(update_times_s=[])
+    result_checks.refuse_incomplete_case("C1", complete)
+    for key in result_checks.REQUIRED_OF_CASE:
+        with pytest.raises(ValueError, match=f"C1 has no entry '{key}'"):
+            result_checks.refuse_incomplete_case("C1", {name: x for name, x in complete.items() if name != key})

@@ -6,6 +6,7 @@ import io
 import os
 import resource
 import signal
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -209,6 +210,15 @@ def test_other_files_are_refused(rng, tmp_path):
         (tmp_path / "C3.nc").write_bytes(content)
         with pytest.raises(ValueError, match=r"C3\.nc: not a NetCDF-4 file"):
             log.load(tmp_path / "C3.nc")
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.symlink_to(path.name)])
+def test_a_log_of_another_kind_is_not_omitted(rng, tmp_path, make):
+    """The other cases would be shown without it."""
+    log.save(flights.dataset(rng), tmp_path / "C1.nc")
+    make(tmp_path / "C3.nc")
+    with pytest.raises(OSError, match=r"C3\.nc"):
+        log.load_flights(tmp_path, ("C1", "C3"))
 
 
 def without(name):

@@ -144,6 +144,14 @@ def test_only_the_certificate_of_the_run_is_included(out):
     }
     (out / "certificate.json").write_text(json.dumps(certified | {"run": "colift-run-ba9876543210"}))
     assert "Certificate" not in made(out)
+    for damaged, reason in (
+        ("", "certificate.json:1: not JSON"),
+        (json.dumps({key: x for key, x in certified.items() if key != "window_s"}), "is damaged: no entry 'window_s'"),
+    ):
+        (out / "certificate.json").write_text(damaged)
+        result = CliRunner().invoke(app, ["report", str(out)])
+        assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+        assert reason in result.stderr
     (out / "certificate.json").write_text(json.dumps(certified))
     text = made(out)
     assert "certificate: e_p is above a bound of energy: observed 0.003, bound 0.002" in text
