@@ -36,7 +36,7 @@ def teams(case: plant.Case) -> plant.Case:
 
 def run(seconds: float) -> Outcome:
     """Measure seconds per step and team."""
-    case = plant.carried(2)
+    case = plant.supported_team(2)
     varied = teams(case)
     leaves, tree = jax.tree.flatten(varied)
     ours = codegen.compile(

@@ -27,7 +27,7 @@ FLIGHTS = 256
 AGENTS = (2, 4, 8, 16)
 
 
-def full(model: gp.GPPosterior, rng: np.random.Generator) -> gp.GPPosterior:
+def fill_posterior(model: gp.GPPosterior, rng: np.random.Generator) -> gp.GPPosterior:
     """Return a posterior at its capacity."""
     n = model.X.shape[-2]
     alpha = rng.normal(size=model.alpha.shape) * 1e-3
@@ -39,12 +39,14 @@ def full(model: gp.GPPosterior, rng: np.random.Generator) -> gp.GPPosterior:
     )
 
 
-def ready(settings: Scenario) -> tuple[simulator.LoopConfig, simulator.LoopState, Any]:
+def prepare_flight(settings: Scenario) -> tuple[simulator.LoopConfig, simulator.LoopState, Any]:
     """Return C3 with full residual models at its initial state, and the noise of half a second."""
     case_experiment = colift.make_experiment(settings, "C3")
     rng, model = np.random.default_rng(0), case_experiment.controller.residual_model
     model = dataclasses.replace(
-        model, payload=full(model.payload, rng), agents=tuple(full(group, rng) for group in model.agents)
+        model,
+        payload=fill_posterior(model.payload, rng),
+        agents=tuple(fill_posterior(group, rng) for group in model.agents),
     )
     setup = dataclasses.replace(
         case_experiment, controller=dataclasses.replace(case_experiment.controller, residual_model=model)
@@ -56,7 +58,7 @@ def ready(settings: Scenario) -> tuple[simulator.LoopConfig, simulator.LoopState
     )
 
 
-def many(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> Callable[[], object]:
+def prepare_batch(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any) -> Callable[[], object]:
     """Measure half a second of flights that differ in noise and residuals."""
     ticks, rng = jnp.asarray(TICKS), np.random.default_rng(1)
     shares = jnp.asarray(rng.uniform(0.5, 1.0, FLIGHTS))
@@ -78,7 +80,7 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
     """
     contenders, first = {}, {}
     for n in AGENTS:
-        setup, loop, noise = ready(scenario.parse(template.scenario_template("team", n, 2), "team.yaml"))
+        setup, loop, noise = prepare_flight(scenario.parse(template.scenario_template("team", n, 2), "team.yaml"))
         ticks, began = jnp.asarray(TICKS), time.perf_counter()
         end, _ = simulator.rollout(setup, loop, noise, ticks)
         first[n] = time.perf_counter() - began
@@ -99,12 +101,12 @@ def growth(seconds: float) -> tuple[dict[str, Any], dict[str, bool]]:
 
 def run(seconds: float) -> Outcome:
     """Measure ratios to JAX's loop in the same run, real-time factor, and growth with the team."""
-    setup, loop, noise = ready(colift.load_scenario("paper"))
+    setup, loop, noise = prepare_flight(colift.load_scenario("paper"))
     ticks, by_jax = jnp.asarray(TICKS), jax.jit(simulator._advance)
     contenders = {
         "native": (lambda: jax.block_until_ready(simulator.rollout(setup, loop, noise, ticks)), TICKS),
         "JAX": (lambda: jax.block_until_ready(by_jax(setup, loop, noise, ticks)), TICKS),
-        f"{FLIGHTS} at once, native, one core": (many(setup, loop, noise), TICKS * FLIGHTS),
+        f"{FLIGHTS} at once, native, one core": (prepare_batch(setup, loop, noise), TICKS * FLIGHTS),
     }
     times = rounds(contenders, seconds)
     to, dt = ratios(times, "native"), float(setup.dt)

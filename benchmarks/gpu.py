@@ -20,7 +20,7 @@ STEPS = 50
 
 def measure(device: jax.Device, batches: Iterable[int], steps: int, seconds: float) -> dict[str, float]:
     """Return steps times teams per second on a device, by batch size; every team has its own masses."""
-    case = plant.carried(2)
+    case = plant.supported_team(2)
     leaves, tree = jax.tree.flatten(case)
     run = jax.jit(
         jax.vmap(lambda *x: jax.tree.leaves(plant.rollout(steps)(*jax.tree.unflatten(tree, x), jnp.array(plant.DT))))

@@ -20,9 +20,9 @@ DT = 1e-4  # s
 STEPS = 1000  # of one agent
 
 
-def contender(agents: int, samples: int) -> tuple[Callable[[], object], int, float]:
+def prepare_rollout(agents: int, samples: int) -> tuple[Callable[[], object], int, float]:
     """Return a run, its number of steps times agents, and the seconds to trace, emit, compile and run it once."""
-    leaves, tree = jax.tree.flatten(plant.carried(agents))
+    leaves, tree = jax.tree.flatten(plant.supported_team(agents))
     steps = max(STEPS // agents // samples, 10)
     run = codegen.compile(
         lambda *x: jax.tree.leaves(plant.rollout(steps)(*jax.tree.unflatten(tree, x), jnp.array(DT))), threads=1
@@ -39,7 +39,7 @@ def run(seconds: float) -> Outcome:
     """Measure ratios to N = 4."""
     figures, targets, slowest = {}, {}, 0.0
     for samples in (1, 16):
-        made = {str(n): contender(n, samples) for n in AGENTS}
+        made = {str(n): prepare_rollout(n, samples) for n in AGENTS}
         times = rounds({n: (once, pieces) for n, (once, pieces, _) in made.items()}, seconds, time.process_time)
         to_4 = ratios(times, "4")
         print(f"{samples} at once: us a step and agent, ratio to N = 4, seconds to compile and run once")

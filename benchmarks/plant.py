@@ -49,7 +49,7 @@ def hover(agents: int) -> Case:
     return team, z, tree(jnp.asarray(np.linalg.lstsq(np.asarray(A), -np.asarray(b), rcond=None)[0]))
 
 
-def carried(agents: int) -> Case:
+def supported_team(agents: int) -> Case:
     """Return the reference team with N agents at rest, each with an upward force of its share of the weight."""
     team = teams.reference_team(agents)
     weight = 9.81 * (team.agent_groups[0].mass.sum() + team.payload.mass)

@@ -102,7 +102,7 @@ def stages() -> dict[str, Callable[..., Any]]:
 
 def run(seconds: float) -> Outcome:
     """Print the counts for the reference team and the measured step."""
-    case = plant.carried(2)
+    case = plant.supported_team(2)
     rows, before = {}, Counter()
     for name, f in stages().items():
         so_far = operations(f, *case)

@@ -31,7 +31,7 @@ def simulate_item(item: str) -> dict[str, Any]:
 
 
 def main() -> bool:
-    """Every team passes the preflight check, complete its flights, and reduce its error with each learned part."""
+    """Return whether every team passes the check, completes its flights and reduces its error with each model."""
     items = [f"{agents} x {arms}" for agents, arms in TEAMS]
     found, good = collect("starts", items, simulate_item), True
     for item in items:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -150,31 +150,30 @@ def _run_with_progress(
     quiet: bool,
 ) -> dict[str, Any]:
     """Run a study and show its progress."""
-    from colift.scenario import experiment
     from colift.workflows import generalization
     from colift.workflows.study import run_study
 
-    titles = {case: experiment.ALL_CASES[case] for case in experiments}
+    flights = dict.fromkeys(experiments, "")
     if held_out:
-        titles |= generalization.titles(titles)
+        flights |= generalization.titles(flights)
     with common.show_progress(f"simulating {settings.name}", quiet, tail=OUTPUT_TIME) as progress:
         return run_study(
             settings,
             folder,
             experiments,
             feasibility_report,
-            flight_progress(titles, settings.duration_s, progress),
+            flight_progress(flights, settings.duration_s, progress),
             held_out,
         )
 
 
 def flight_progress(
-    titles: Mapping[str, str], duration: float, report: progress_module.Report
+    flights: Collection[str], duration: float, report: progress_module.Report
 ) -> Callable[[str, float], None]:
     """Return a function that reports the progress of several flights of equal duration.
 
     Args:
-        titles: Description of each flight.
+        flights: Names of the flights.
         duration: Duration of a flight [s].
         report: Function that takes the step and the completed share of all flights.
 
@@ -187,10 +186,10 @@ def flight_progress(
         if case not in simulated:  # an earlier flight may have ended early
             simulated.update(dict.fromkeys(simulated, duration))
         simulated[case] = min(t, duration)
-        share = sum(simulated.values()) / (duration * len(titles))
+        share = sum(simulated.values()) / (duration * len(flights))
         if t < duration:
-            report(f"{case} ({titles[case]}), {t:.1f} of {duration:g} s", share)
-        elif len(simulated) < len(titles):
+            report(f"{case}, {t:.1f} of {duration:g} s", share)
+        elif len(simulated) < len(flights):
             report(f"{case}, error bounds and log", share)
         else:
             report(f"{case}, error bounds, logs and figures", share)

@@ -133,15 +133,13 @@ def test_request_to_end_is_raised_by_a_report(monkeypatch):
 
 def test_flights_of_a_study_share_its_time():
     steps = []
-    report = study.flight_progress(
-        {"C1": "no learning", "C3": "GP"}, 20.0, lambda step, share=None: steps.append((step, share))
-    )
+    report = study.flight_progress(("C1", "C3"), 20.0, lambda step, share=None: steps.append((step, share)))
     for case, t in (("C1", 0.0), ("C1", 10.0), ("C3", 0.0), ("C3", 20.0)):
         report(case, t)
     assert steps == [
-        ("C1 (no learning), 0.0 of 20 s", 0.0),
-        ("C1 (no learning), 10.0 of 20 s", 0.25),
-        ("C3 (GP), 0.0 of 20 s", 0.5),  # C1 has ended early
+        ("C1, 0.0 of 20 s", 0.0),
+        ("C1, 10.0 of 20 s", 0.25),
+        ("C3, 0.0 of 20 s", 0.5),  # C1 has ended early
         ("C3, error bounds, logs and figures", 1.0),
     ]
 
