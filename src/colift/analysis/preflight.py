@@ -12,6 +12,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 
+import jax.numpy as jnp
 import numpy as np
 
 from colift.analysis import (
@@ -347,9 +348,9 @@ def _unbuilt(settings: Scenario, truth: Team, nominal: Team, largest: int, margi
     available = np.concatenate([group.thrust_max for group in truth.agent_groups])
     weight = -float(truth.payload.mass) * np.append(truth.gravity, np.zeros(3))
     allocation, _ = controllers.allocation(settings, nominal)
-    lam = (np.asarray(allocation.right_inverse) @ weight + np.asarray(allocation.offset)).reshape(-1, 3)
+    lam = jnp.asarray(np.asarray(allocation.right_inverse) @ weight + np.asarray(allocation.offset)).reshape(-1, 3)
     shares = np.concatenate([
-        lam_group.sum(1) - group.mass.sum(1)[:, None] * truth.gravity[None]
+        np.asarray(lam_group.sum(1)) - group.mass.sum(1)[:, None] * truth.gravity[None]
         for group, lam_group in zip(truth.agent_groups, grasp.split_contacts(truth, lam), strict=True)
     ])  # fmt: skip
     required = np.linalg.norm(shares, axis=1)

@@ -191,7 +191,7 @@ def test_agents_with_very_many_joints_are_not_built(tmp_path: Path, monkeypatch:
     masses = finding(report, "mass").values
     weight = 9.81 * masses["total_kg"]
     assert list(values.values()) == pytest.approx([weight / 3] * 3, rel=1e-6)
-    short = settings.model_copy(update={"payload": settings.payload.model_copy(update={"mass_kg": 7.0})})
+    short = settings.model_copy(update={"payload": settings.payload.model_copy(update={"mass_kg": 9.0})})
     assert finding(preflight.run_preflight(short), "thrust").level is Level.failed
 
 
