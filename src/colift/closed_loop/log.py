@@ -224,8 +224,8 @@ def load(path: str | Path) -> xr.Dataset:
     """
     content = bounded_read.read_bytes(path, bounded_read.MAX_LOG_BYTES)
     try:
-        with h5py.File(io.BytesIO(content)):  # h5netcdf prints a traceback if it cannot open a file
-            pass
+        with h5py.File(io.BytesIO(content)) as file:  # h5netcdf prints a traceback if one of these steps fails
+            file.attrs.get("_nc3_strict")
         ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False, phony_dims="access")
     # HDF5 and its readers raise many types on damaged bytes; the bytes are in memory, so any error is damage
     except Exception as error:
