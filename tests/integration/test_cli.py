@@ -513,9 +513,7 @@ def test_quiet_run_prints_its_summary_as_json(tmp_path: Path, monkeypatch):
     arguments = ["study", "short.yaml", "--case", "C1", "--held-out", "--out", "held"]
     done = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert done.exit_code == 0
-    assert (
-        "C1, backwards: C1's residual model, the same curve in the opposite direction, 1 s to simulate" in done.stderr
-    )
+    assert "simulating sample" in done.stderr.splitlines()
     found = json.loads((tmp_path / "held" / "summary.json").read_text())["held_out"]
     assert list(found) == ["C1"]
     assert list(found["C1"]) == ["backwards", "larger", "moved"]
@@ -602,10 +600,10 @@ def test_table_is_printed_in_c_locale():
 
 
 def test_ctrl_c_during_startup_has_no_traceback(tmp_path: Path):
-    """Ctrl-C before the command line is parsed ends the process without a traceback."""
+    """Ctrl-C before the command line is parsed ends the process with one line and without a traceback."""
     (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)\n")
     done = show(env={"PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])})
-    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"interrupted\n")
 
 
 def test_closed_pipe_is_no_failure():
