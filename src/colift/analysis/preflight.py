@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -178,7 +178,7 @@ def _check_built(
         advice = "reduce control.K_p and control.agent_k_R by half and repeat the check"
         found.add([failure("equilibrium", str(error), {}, advice)])
         return None
-    found.add(_loop_findings(settings, case_experiment, case, z, loop, progress, search))
+    found.add(_loop_findings(settings, case_experiment, case, z, loop, progress, search, tuple(found.items)))
     return loop
 
 
@@ -190,14 +190,30 @@ def _loop_findings(
     loop: loop_checks.LoopAnalysis,
     progress: Callable[[str], None],
     search: remedies.SearchBudget | None,
+    before: Sequence[Finding],
 ) -> Iterator[Finding]:
-    """Check the linearized loop."""
-    yield loop_checks.check_mode(settings, loop, progress, search)
-    yield from loop_checks.check_learned_mode(settings, case, progress)
+    """Check the linearized loop: first all levels, then the searches for advice."""
+    findings = [
+        loop_checks.check_mode(settings, loop, progress, None),
+        *loop_checks.check_learned_mode(settings, case, progress),
+    ]
     if loop.modes.stable:
-        yield from loop_checks.check_posture(settings, loop.modes, progress, search)
-        yield from loop_checks.check_margins(settings, loop, progress, search)
-        yield loop_checks.check_disturbances(settings, case_experiment, state, loop)
+        findings += [
+            *loop_checks.check_posture(settings, loop.modes, progress, None),
+            *loop_checks.check_margins(settings, loop, progress, None),
+            loop_checks.check_disturbances(settings, case_experiment, state, loop),
+        ]
+    advised: dict[str, Finding] = {}
+    if search is not None and any(finding.level is not Level.passed for finding in findings):
+        verdict = PreflightReport(settings.name, (*before, *findings)).format_verdict()
+        progress(f"{verdict.partition(': ')[2]}; search for advice")
+        searched = [loop_checks.check_mode(settings, loop, progress, search)]
+        if loop.modes.stable:
+            searched += loop_checks.check_posture(settings, loop.modes, progress, search)
+            searched += loop_checks.check_margins(settings, loop, progress, search)
+        advised = {finding.subject: finding for finding in searched}
+    for finding in findings:
+        yield advised.get(finding.subject, finding)
 
 
 def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
