@@ -52,7 +52,7 @@ def plot_certificate(
             rows, columns = shape
             figure = Figure(figsize=(width, 2.9 if rows == 1 else 4.6))
             panels = figure.subplots(rows, columns, width_ratios=(1, 0.9)[:columns])
-            _fill_certificate(figure, panels, certificate, conservatism, title)
+            _fill_certificate(figure, panels.tolist(), certificate, conservatism, title)
             files += style.save_figure(figure, Path(folder) / f"figure_6_certificate{suffix}", run)
     return files
 

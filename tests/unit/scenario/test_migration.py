@@ -155,7 +155,7 @@ def test_all_removed_settings_are_reported():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: [1", "not valid YAML"),
+        ("a: [1", "line 1: not valid YAML"),
         ("- 1", "a scenario is a mapping of settings"),
         ("schema: 3\nname: a", "schema: must be 1 or 2, got 3"),
     ],

@@ -473,7 +473,7 @@ def test_layout_fits_desktop_and_phone(page, make_page, width, dark):
 
 @needs_browser
 def test_terminated_flight_stays_at_its_last_frame(browser_window, flown, tmp_path):
-    early = flown["C1"].isel(time=slice(0, 300), time_sigma=slice(0, 20)).copy(deep=True)
+    early = flown["C1"].isel(time=slice(0, 300), time_sigma=slice(0, 6)).copy(deep=True)
     early.x[-1] = np.nan
     early.attrs |= {"termination_reason": "a made-up reason", "complete": 0}
     log.save(early, tmp_path / "C1.nc")
