@@ -217,7 +217,7 @@ def _computed(name: str, items: list[str], compute: Callable[[str], Any]) -> Ite
     with progress.show_activity(console, name) as shown:
 
         def report(item: str, done: int) -> None:
-            shown.report(f"{item} ({done} of {len(items)} computed)", done / len(items))
+            shown(f"{item} ({done} of {len(items)} computed)", done / len(items))
 
         if processes == 1 or len(items) < 2:
             for done, item in enumerate(items):

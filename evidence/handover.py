@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import os
 import random
-import re
 import signal
 import subprocess
 import sys
@@ -22,7 +21,7 @@ from typing import Any
 from colift import scenario
 from colift.cli.scenario import INCOMPLETE_SEARCH
 from colift.runtime import signals
-from evidence import collect
+from evidence import collect, interrupts
 from tests.support import small_team
 
 RUNS = ("src",)  # in child processes
@@ -52,12 +51,7 @@ def _begin(place: Path) -> subprocess.Popen[str]:
         text=True,
         env=dict(os.environ),
     )
-    handled = 1 << (signal.SIGTERM - 1)
-    while run.poll() is None:
-        caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{run.pid}/status").read_text())
-        if caught and int(caught[1], 16) & handled:
-            break
-        time.sleep(0.01)
+    interrupts.wait_for_handlers(run)
     return run
 
 

@@ -82,13 +82,18 @@ def begin(command: str, out: Path, cached: bool) -> subprocess.Popen[str]:
         text=True,
         env=environment,
     )
-    heeds = 1 << (signal.SIGTERM - 1)
+    wait_for_handlers(run)
+    return run
+
+
+def wait_for_handlers(run: subprocess.Popen[str]) -> None:
+    """Wait until a process handles SIGTERM or has ended."""
+    handled = 1 << (signal.SIGTERM - 1)
     while run.poll() is None:
         caught = re.search(r"SigCgt:\s*(\w+)", Path(f"/proc/{run.pid}/status").read_text())
-        if caught and int(caught[1], 16) & heeds:
-            break
+        if caught and int(caught[1], 16) & handled:
+            return
         time.sleep(0.01)
-    return run
 
 
 @functools.cache

@@ -14,7 +14,7 @@ import colift
 from colift.analysis import preflight
 from colift.analysis.findings import Level
 from evidence import collect
-from evidence.targets import Target
+from evidence.targets import Target, report
 from tests.support import user_teams
 
 ITEMS = [f"{name} {kind} {size}" for name in user_teams.VEHICLES for kind, size in user_teams.PAYLOADS]
@@ -64,7 +64,4 @@ def targets(found: dict[str, Any]) -> list[Target]:
 
 def main() -> bool:
     """Print the targets and return whether all are met."""
-    found = targets(collect("payloads", ITEMS, compute_item))
-    for target in found:
-        print(target)
-    return all(target.met for target in found)
+    return report(targets(collect("payloads", ITEMS, compute_item)))

@@ -21,7 +21,7 @@ from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.onboard.control import preview
 from colift.scenario import Scenario, controllers, experiment
 from evidence import collect
-from evidence.targets import Target
+from evidence.targets import Target, report
 
 SAMPLES = 200
 CASES = ("C3", "label_feedback", "adaptive", "true_residual")
@@ -170,10 +170,7 @@ def main() -> bool:
         e = [1e3 * error(f, case) for f in whole.values()]
         spread = f"median {np.median(e):.1f} mm, 90 % {np.quantile(e, 0.9):.1f}, worst {max(e):.1f}"
         print(f"{case:5} e_p after the changes: {spread}")
-    parameters = targets(found_of)
-    for target in parameters:
-        print(target)
-    return all(target.met for target in parameters)
+    return report(targets(found_of))
 
 
 def error(found: dict[str, Any], case: str) -> float:

@@ -34,6 +34,14 @@ class Target(NamedTuple):
         return ", ".join(f"{word} {value:g}{unit}" for word, value in limits if value is not None)
 
 
+def report(targets: Iterable[Target]) -> bool:
+    """Print targets, one on a line, and return whether all are met."""
+    targets = list(targets)
+    for target in targets:
+        print(target)
+    return all(target.met for target in targets)
+
+
 def missed(targets: Iterable[Target]) -> str:
     """Return the names of the targets that are not met, or that all are."""
     names = ", ".join(target.what for target in targets if not target.met)

@@ -15,7 +15,7 @@ import colift
 from colift.analysis import preflight
 from colift.scenario import Scenario
 from evidence import collect
-from evidence.targets import Target
+from evidence.targets import Target, report
 from tests.support import user_teams
 
 TEAMS = 50
@@ -84,7 +84,4 @@ def targets(found: dict[str, Any]) -> list[Target]:
 
 def main() -> bool:
     """Print the targets and return whether all are met."""
-    found = targets(collect("verdicts", map(str, SEEDS), compute_item))
-    for target in found:
-        print(target)
-    return all(target.met for target in found)
+    return report(targets(collect("verdicts", map(str, SEEDS), compute_item)))

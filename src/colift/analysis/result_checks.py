@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from colift.analysis.study_metrics import STUDY_METRICS
+from colift.runtime import text
 
 MAX_TEXT = 60
 """Largest number of characters of a value in a message."""
@@ -93,7 +94,7 @@ def _check(value: Any, keys: list[str], kind: str, place: str) -> Iterator[str]:
     """Yield the entries below a value that have a wrong type."""
     if not keys:
         if not _is(value, kind):
-            yield f"{place} is {_short(value)}, not {kind}"
+            yield f"{place} is {text.shorten(value, MAX_TEXT)}, not {kind}"
         return
     key, *rest = keys
     if value is None and place in OPTIONAL:
@@ -103,7 +104,7 @@ def _check(value: Any, keys: list[str], kind: str, place: str) -> Iterator[str]:
     elif isinstance(value, dict):
         entries = value if key == "*" else {key: value[key]} if key in value else {}
     else:
-        yield f"{place} is {_short(value)}, not {'a list or an object' if key == '*' else 'an object'}"
+        yield f"{place} is {text.shorten(value, MAX_TEXT)}, not {'a list or an object' if key == '*' else 'an object'}"
         return
     for name, entry in entries.items():
         yield from _check(entry, rest, kind, f"{place}.{_short_key(name)}" if place else _short_key(name))
@@ -123,14 +124,6 @@ def _is(value: Any, kind: str) -> bool:
         return value is None or (isinstance(value, int | float) and math.isfinite(value))
     except OverflowError:  # a whole number beyond all floats
         return False
-
-
-def _short(value: Any) -> str:
-    """Return a value in one line of limited length."""
-    if isinstance(value, int) and value.bit_length() > 4 * MAX_TEXT:
-        return f"a whole number of {value.bit_length()} bits"
-    line = " ".join(repr(value).split())
-    return line if len(line) <= MAX_TEXT else f"{line[:MAX_TEXT]}..."
 
 
 def _short_key(key: str) -> str:

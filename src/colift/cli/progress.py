@@ -96,10 +96,6 @@ class ActivityProgress:
         for name, weight in schedule:
             self._spans.append((name, ends, ends := ends + weight / total))
 
-    def __call__(self, step: str, share: float | None = None) -> None:
-        """Record the step that begins; see `Report`."""
-        self.report(step, share)
-
     @contextlib.contextmanager
     def show_on(self, live: Live | None) -> Generator[None]:
         """Show the line of a terminal within the block; None shows nothing."""
@@ -122,7 +118,7 @@ class ActivityProgress:
         finally:
             self._live.start()
 
-    def report(self, step: str, share: float | None = None) -> None:
+    def __call__(self, step: str, share: float | None = None) -> None:
         """Record the step that begins; see `Report`."""
         signals.raise_if_interrupted()
         for name, start, end in self._spans if share is None else ():

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 
 from colift.closed_loop import log_signals
+from colift.runtime import text
 
 ONLINE = ("innovation_", "model_gain_", "delay_error_", "correction_", "labels_available")
 """Begin of the names of variables that only controllers with an innovation filter log."""
@@ -90,7 +91,8 @@ def _variables(ds: xr.Dataset) -> Iterator[str]:
             if not optional and (joint is None or joint in ds.coords):
                 yield f"the variable {name} is missing"
         elif ds[name].dims != (time, *spec.dims):
-            yield f"the variable {name} has the dimensions {_short(ds[name].dims)}, not {(time, *spec.dims)}"
+            dims = text.shorten(ds[name].dims, MAX_TEXT)
+            yield f"the variable {name} has the dimensions {dims}, not {(time, *spec.dims)}"
         elif ds[name].dtype.kind not in "fiub":
             yield f"the variable {name} contains no numbers"
 
@@ -104,10 +106,10 @@ def _attributes(ds: xr.Dataset) -> Iterator[str]:
         if name in ds.attrs:
             value = ds.attrs[name]
             if name in TEXTS:
-                if not isinstance(value, str) or not _is_encodable(value):
-                    yield f"the attribute {name} is {_short(value)}, not a text"
+                if not isinstance(value, str) or not text.is_encodable(value):
+                    yield f"the attribute {name} is {text.shorten(value, MAX_TEXT)}, not a text"
             elif np.asarray(value).dtype.kind not in "fiu" or not np.isfinite(value).all():
-                yield f"the attribute {name} is {_short(value)}, not a finite number"
+                yield f"the attribute {name} is {text.shorten(value, MAX_TEXT)}, not a finite number"
             elif name in NUMBERS and np.size(value) != 1:
                 yield f"the attribute {name} has {np.size(value)} numbers, not one"
     if "scenario_json" in ds.attrs:
@@ -128,14 +130,3 @@ def _finite(ds: xr.Dataset) -> Iterator[str]:
             bad = np.isnan(ds[name].values) if name.startswith("rho_") else ~np.isfinite(ds[name].values)
             if bad.any():
                 yield f"the variable {name} has {int(bad.sum())} values that are not finite"
-
-
-def _is_encodable(text: str) -> bool:
-    """Return whether a text has no lone surrogates, which no file can contain."""
-    return not any("\ud800" <= character <= "\udfff" for character in text)
-
-
-def _short(value: object) -> str:
-    """Return a value in one line of limited length."""
-    line = " ".join(repr(value).split())
-    return line if len(line) <= MAX_TEXT else f"{line[:MAX_TEXT]}..."

@@ -6,6 +6,7 @@
 ``cache``          folder of compiled programs
 ``extras``         commands that install optional dependencies
 ``run_directory``  result folder of one run, with a lock
+``text``           values from files as text in messages
 ``signals``        orderly termination after Ctrl-C, SIGTERM and SIGHUP
 =================  ====================================================================
 """

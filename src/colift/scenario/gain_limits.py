@@ -149,7 +149,7 @@ def team_limits(team: Sequence[bound_tips.HoverAgent], payload_mass: float, g: f
     for agent, posture, yaw, _ in team:
         p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
         m, height = float(p.mass), -float(np.asarray(p.tip_from_com)[:, 2].mean())
-        D = np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(_rotation_z(yaw))))[:2, :2]
+        D = np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(bound_tips.rotation_z(yaw))))[:2, :2]
         motion = np.asarray(redundancy.rotation_about_tips(agent, p))
         if not (np.isfinite(D).all() and np.isfinite(motion).all()):  # straight arms, which other checks report
             continue
@@ -160,9 +160,3 @@ def team_limits(team: Sequence[bound_tips.HoverAgent], payload_mass: float, g: f
         ratio = min(ratio, float((inertia / (inertia + rho * m * lever**2)).min()))
     delay = float(np.linalg.norm(np.linalg.solve(inertial, levers), 2)) / g
     return TranslationLimits(1 / math.sqrt(delay) if delay > 0 else math.inf, ratio)
-
-
-def _rotation_z(yaw: float) -> np.ndarray:
-    """Return the rotation about the third axis."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

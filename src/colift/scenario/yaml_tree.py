@@ -18,6 +18,7 @@ from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, MarkedYAMLError, YAML
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
+from colift.runtime.text import is_encodable
 from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format_value
 
 MAX_BYTES = 2_000_000  # a scenario has some 3 kB, and the knots of a table of poses up to 1.2 MB
@@ -354,4 +355,4 @@ def _is(node: Node, kind: str) -> bool:
 
 def _is_text(value: Any) -> bool:
     """Return whether a value is text without surrogates, which no file can contain."""
-    return isinstance(value, str) and not any("\ud800" <= c <= "\udfff" for c in value)
+    return isinstance(value, str) and is_encodable(value)

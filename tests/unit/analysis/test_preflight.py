@@ -85,7 +85,9 @@ def test_unstable_mode_fails_and_advice_stabilizes_it():
     assert not any(each.subject == "delay margin" for each in unstable.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=70\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
     assert float(rate) < 0 < finding(unstable, "slowest mode").values["eigenvalue_radps"][0]
-    assert unstable.format_report()[-1] == "sample: unsound (failed: slowest mode, learned mode; weak: translation gain)"
+    assert (
+        unstable.format_report()[-1] == "sample: unsound (failed: slowest mode, learned mode; weak: translation gain)"
+    )
 
 
 @pytest.mark.long

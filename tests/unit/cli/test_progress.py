@@ -32,12 +32,12 @@ def test_time_left_follows_from_the_completed_share(clock):
     shown = progress.ActivityProgress("simulating paper", clock=clock)
     assert shown.line() == "simulating paper, 0:00 elapsed"
     clock.now = 30.0
-    shown.report("C1, 5.0 of 20 s", 0.25)
+    shown("C1, 5.0 of 20 s", 0.25)
     assert shown.line() == "simulating paper: C1, 5.0 of 20 s, 0:30 elapsed, about 1:30 left"
     clock.now = 40.0  # the estimate counts down until the next report
     assert shown.times == "0:40 elapsed, about 1:20 left"
     clock.now = 60.0
-    shown.report("C1, 10.0 of 20 s", 0.5)
+    shown("C1, 10.0 of 20 s", 0.5)
     assert shown.times == "1:00 elapsed, about 1:00 left"
 
 
@@ -48,30 +48,30 @@ def test_compilation_is_named_and_not_extrapolated(clock):
     assert shown.line() == "simulating paper: compiling, 1:00 elapsed"
     clock.now = 70.0
     shown.sample(compiles=False)
-    shown.report("C1", 0.5)
+    shown("C1", 0.5)
     assert shown.line() == "simulating paper: C1, 1:10 elapsed, about 0:10 left"
 
 
 def test_schedule_gives_the_share_of_each_step(clock):
     shown = progress.ActivityProgress("certifying", (("simulation", 1.0), ("tube", 2.0), ("bounds", 1.0)), clock=clock)
-    shown.report("simulation")
+    shown("simulation")
     clock.now = 10.0
-    shown.report("tube until 1 s")
+    shown("tube until 1 s")
     assert shown.share == 0.25
     assert shown.times == "0:10 elapsed, about 0:30 left"
     clock.now = 20.0
-    shown.report("tube until 2 s")  # the same step
+    shown("tube until 2 s")  # the same step
     assert shown.times == "0:20 elapsed, about 0:20 left"
     clock.now = 60.0  # the step is longer than estimated: a quarter of the time follows it
     assert shown.times == "1:00 elapsed, about 0:20 left"
-    shown.report("unknown step")
+    shown("unknown step")
     assert shown.share == 0.25
 
 
 def test_share_that_is_a_lower_bound(clock):
     shown = progress.ActivityProgress("tuning", limit=True, clock=clock)
     clock.now = 100.0
-    shown.report("3 of at most 12 linearizations", 0.1)
+    shown("3 of at most 12 linearizations", 0.1)
     assert shown.times == "1:40 elapsed, at most 15:00 left"
 
 
@@ -79,7 +79,7 @@ def test_time_after_the_last_share(clock):
     """The tail counts down, and afterwards no time left is stated."""
     shown = progress.ActivityProgress("simulating", tail=15.0, clock=clock)
     clock.now = 10.0
-    shown.report("figures", 1.0)
+    shown("figures", 1.0)
     assert shown.times == "0:10 elapsed, about 0:15 left"
     clock.now = 26.0
     assert shown.times == "0:26 elapsed"
@@ -97,7 +97,7 @@ def test_lines_without_a_terminal(monkeypatch):
     console = Console(file=io.StringIO(), width=20, soft_wrap=True)
     with progress.show_activity(console, "checking paper") as shown:
         for k in range(20):
-            shown.report(f"step {k}")
+            shown(f"step {k}")
         time.sleep(0.7)
     lines = console.file.getvalue().splitlines()
     assert lines[0] == "checking paper"
@@ -108,7 +108,7 @@ def test_lines_without_a_terminal(monkeypatch):
 def test_terminal_shows_one_line():
     console = Console(file=io.StringIO(), force_terminal=True, width=100)
     with progress.show_activity(console, "checking paper") as shown:
-        shown.report("team", 0.5)
+        shown("team", 0.5)
         time.sleep(0.6)
     text = console.file.getvalue()
     assert "checking paper: team" in text
@@ -128,7 +128,7 @@ def test_compilation_is_found_on_the_call_stack():
 def test_request_to_end_is_raised_by_a_report(monkeypatch):
     monkeypatch.setattr(signals, "_received", [2])
     with pytest.raises(signals.Interrupted):
-        progress.ActivityProgress("checking").report("team")
+        progress.ActivityProgress("checking")("team")
 
 
 def test_flights_of_a_study_share_its_time():

@@ -69,7 +69,7 @@ def right_half_plane_zero(agent: AerialManipulator, posture: Float[Array, "n_r"]
     """
     p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
     height, c = -float(np.asarray(p.tip_from_com)[:, 2].mean()), np.asarray(agent.contact_position).mean(0)
-    D = np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(_rotation_z(yaw))))
+    D = np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(rotation_z(yaw))))
     tangent = np.array([-c[1], c[0], 0.0]) / max(float(np.hypot(c[0], c[1])), np.finfo(float).tiny)
     lever = float(p.mass) * height * float(tangent @ D @ tangent)
     return float(np.sqrt(thrust / lever)) if lever > 0 and thrust > 0 else np.inf
@@ -120,7 +120,7 @@ def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, pa
     inertial, rotation = payload_mass * np.eye(2), np.zeros((2, 2))
     for agent, posture, yaw, _ in team:
         p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
-        m, R = float(p.mass), _rotation_z(yaw)
+        m, R = float(p.mass), rotation_z(yaw)
         motion = np.asarray(redundancy.rotation_about_tips(agent, p))
         xi = np.concatenate([np.eye(3), motion[3:]])
         inertia = np.diagonal(xi.T @ np.asarray(p.M_bar) @ xi)[:2]
@@ -135,8 +135,12 @@ def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, pa
     return float(gains.agent_k_omega) / g * float(np.linalg.norm(loop, 2))
 
 
-def _rotation_z(yaw: float) -> np.ndarray:
-    """Return the rotation about the third axis."""
+def rotation_z(yaw: float) -> np.ndarray:
+    """Return the rotation about the third axis.
+
+    Args:
+        yaw: Angle [rad].
+    """
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
 

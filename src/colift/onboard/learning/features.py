@@ -105,8 +105,8 @@ class DefaultFeatures:
         return agent_feature_names(joints)
 
 
-MIN_ROWS = 64
-"""Smallest number of rows for which features are computed on the host."""
+BATCH_ROWS = 128
+"""Row multiple to which sample arrays are padded on the host, so that few shapes have to be compiled."""
 
 BodyKey = tuple[int, int] | str
 """Key of a body: ``"payload"``, or ``(group, agent)``."""
@@ -123,7 +123,18 @@ def compute_features(features: Features, body: BodyKey, x: np.ndarray) -> np.nda
     Returns:
         Features, samples first.
     """
-    n = len(x)
-    rows = max(MIN_ROWS, 1 << (n - 1).bit_length()) if n else 0  # few shapes, for each shape is compiled
-    padded = jnp.asarray(np.concatenate([x, np.repeat(x[:1], rows - n, 0)]))
-    return np.asarray(features.payload(padded) if isinstance(body, str) else features.agent(padded))[:n]
+    padded = jnp.asarray(pad_rows(x))
+    return np.asarray(features.payload(padded) if isinstance(body, str) else features.agent(padded))[: len(x)]
+
+
+def pad_rows(x: np.ndarray, multiple: int = BATCH_ROWS) -> np.ndarray:
+    """Repeat the first row of an array until its number of rows is a multiple.
+
+    Args:
+        x: Samples, first axis; an array without samples is unchanged.
+        multiple: Multiple.
+
+    Returns:
+        The padded array, which begins with the samples.
+    """
+    return np.concatenate([x, np.repeat(x[:1], -len(x) % multiple, 0)])

@@ -32,7 +32,7 @@ from colift.models.state import (
     flatten_payload_state,
     split_agent_force,
 )
-from colift.onboard.learning.features import BodyKey, DefaultFeatures, Features
+from colift.onboard.learning.features import BodyKey, DefaultFeatures, Features, pad_rows
 from colift.onboard.learning.identification import inertial_regressor
 from colift.onboard.learning.mean_functions import MeanFunction
 
@@ -165,8 +165,7 @@ def predict_padded(model: gp.GPPosterior, X: np.ndarray) -> tuple[np.ndarray, np
         Means and variances at the inputs.
     """
     n = len(X)
-    padded = np.concatenate([X, np.repeat(X[:1], model.capacity - n, 0)])
-    mean, variance = gp.predict(model, jnp.asarray(padded))
+    mean, variance = gp.predict(model, jnp.asarray(pad_rows(X, model.capacity)))
     return np.asarray(mean)[:n], np.asarray(variance)[:n]
 
 

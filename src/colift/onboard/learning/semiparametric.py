@@ -33,9 +33,6 @@ from colift.onboard.learning import features, identification, mean_functions, mo
 OUTPUT_BLOCKS = {True: ((0, 1, 2), (3, 4, 5)), False: ((0, 1, 2),)}
 """Outputs with common hyperparameters, of the payload (True) and of an agent (False)."""
 
-BATCH_ROWS = 128
-"""Row multiple to which sample arrays are padded, so that few shapes have to be compiled."""
-
 POSITION_FEATURES = {"p_x", "p_y", "p_z", "x_x", "x_y", "x_z"}
 """Names of the features that are position coordinates of payload or agent."""
 
@@ -324,8 +321,8 @@ def mean_regressors(x: np.ndarray, payload: bool) -> np.ndarray:
     Returns:
         Regressors of shape (samples, 6 or 3, parameters).
     """
-    padded = np.pad(x, ((0, -len(x) % BATCH_ROWS), (0, 0)))
-    return np.asarray((_payload_regressors if payload else _agent_regressors)(jnp.asarray(padded)))[: len(x)]
+    padded = jnp.asarray(features.pad_rows(x))
+    return np.asarray((_payload_regressors if payload else _agent_regressors)(padded))[: len(x)]
 
 
 @jax.jit
