@@ -38,8 +38,9 @@ NO_WIND = {"disturbances": ()}
 
 @functools.cache
 def found(name: str) -> preflight.PreflightReport:
-    """Report of the smallest team, as shipped and with one gain that makes the sampled loop unstable."""
-    control = light.SAMPLE.control.model_copy(update={"agent_k_omega": 100.0} if name == "wild" else {})
+    """Report of the smallest team as shipped, with a gain that makes the loop unstable, and as advised then."""
+    gains = {"wild": {"agent_k_omega": 100.0}, "advised": {"agent_k_omega": 70.0}}
+    control = light.SAMPLE.control.model_copy(update=gains.get(name, {}))
     return preflight.run_preflight(light.settings(control=control))
 
 
@@ -81,9 +82,12 @@ def test_unstable_mode_fails_and_advice_stabilizes_it():
     assert (bad.subject, also.subject) == ("slowest mode", "learned mode")
     assert also.values["eigenvalue_radps"] != bad.values["eigenvalue_radps"]  # another equilibrium
     assert "unstable" in bad.message
-    assert re.search(r"n\d in (roll|pitch|yaw)", bad.message)
+    assert re.search(r"moves the payload in yaw \(1\), n\d in (roll|pitch|yaw)", bad.message)
     assert not any(each.subject == "delay margin" for each in unstable.findings)
     (rate,) = re.fullmatch(r"--set control\.agent_k_omega=70\.0 yields ([+-]\S+) rad/s", bad.advice[0]).groups()
+    rates = {name: finding(found(name), "slowest mode").values["eigenvalue_radps"][0] for name in ("advised", "good")}
+    assert float(rate) == pytest.approx(rates["advised"], abs=1e-2)
+    assert rates["good"] < 0
     assert float(rate) < 0 < finding(unstable, "slowest mode").values["eigenvalue_radps"][0]
     assert (
         unstable.format_report()[-1] == "sample: unsound (failed: slowest mode, learned mode; weak: translation gain)"
