@@ -47,8 +47,7 @@ LEARNING_STATES = (
     r"|\.estimator\.time_since_label$|\.(initialized|correction_weight)$"
 )
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
-    r"\.innovation\.(delay_error_ms|window_mean_square|longest_gap|mean_label_age|rate_forecast"
-    r"|comovement\.(cross_moment|second_moment))"
+    r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|label_noise|label_age|initialized)"
 )
 COMMAND = r"\.controller\.last_command\[\d+\]\..*"
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
@@ -604,7 +603,7 @@ def _coordinates(x: LoopStateTree, y: LoopStateTree) -> Array:
 def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     """Select the states that influence the plant in later ticks.
 
-    Recorded data are excluded, as are label filters if the controller has no innovation filter.
+    Recorded data are excluded, as are label filters if the controller has no residual corrector.
 
     Args:
         loop: Loop state.
@@ -612,8 +611,8 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     Returns:
         The floating-point leaves by path.
     """
-    has_innovation_filter = getattr(loop.controller, "innovation", None) is not None
-    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES if has_innovation_filter else LABELS))
+    has_corrector = getattr(loop.controller, "corrector", None) is not None
+    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES if has_corrector else LABELS))
     return {
         key: leaf
         for key, leaf in _leaves(loop)

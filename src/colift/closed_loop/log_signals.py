@@ -103,22 +103,24 @@ SIGNALS = {
     "Phi": SignalSpec((), "m", "none", "largest constraint violation |Phi|"),
     "Phi_dot": SignalSpec((), "m/s", "none", "largest constraint rate |dPhi/dt|"),
     "min_delassus_singular_value": SignalSpec(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
-    **_wrench("innovation_L", NEWTON, "innovation of the payload residual, as applied"),
-    "innovation_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "innovation of the agent residual f_x, as applied"),
-    **_wrench("model_gain_L", ONE, "gain of changes of the payload residual model, in [0, 1]"),
-    "model_gain_x": SignalSpec(AGENT_VECTOR_DIMS, "1", "world", "gain of changes of the f_x residual model, in [0, 1]"),
-    **_wrench("delay_error_L", NEWTON, "RMS error of the payload labels due to their delay"),
-    "delay_error_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "RMS error of the f_x labels due to their delay"),
-    **_wrench("correction_error_L", NEWTON, "RMS error of the corrected payload prediction without labels"),
-    "correction_error_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "RMS error of the corrected f_x prediction without labels"
+    **_wrench("correction_L", NEWTON, "correction of the payload residual, as applied"),
+    "correction_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "correction of the agent residual f_x, as applied"),
+    **_wrench("correction_std_L", NEWTON, "standard deviation of the corrected payload residual"),
+    "correction_std_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the corrected f_x"),
+    **_wrench("correction_weight_L", ONE, "share of the estimated error of the payload model that is applied"),
+    "correction_weight_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "1", "world", "share of the estimated error of the f_x model that is applied"
     ),
-    "correction_weight": SignalSpec((), "1", "none", "weight of the current innovation; 0: decayed to its mean"),
-    "labels_available": SignalSpec((), "1", "none", "1 while labels are available, otherwise 0"),
+    **_wrench("label_L", NEWTON, "label of the payload before the label filter"),
+    "label_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "label of f_x before the label filter"),
+    **_wrench("model_prediction_L", NEWTON, "payload residual predicted by the model without correction"),
+    "model_prediction_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "f_x predicted by the model without correction"),
+    "label_valid": SignalSpec((), "1", "none", "1 in periods with a label, otherwise 0"),
+    "correction_nis": SignalSpec((), "1", "none", "normalized innovation squared of the correction, mean of outputs"),
 }
 """Variables on the axis `time`: the signals of `StepRecord`, quaternions and base positions.
 
-Variables from `innovation_L_force` on exist for controllers with an innovation filter. Quaternions are continuous in
+Variables from `correction_L_force` on exist for controllers with a residual corrector. Quaternions are continuous in
 time: their sign does not change between two ticks.
 """
 

@@ -29,8 +29,8 @@ class StepRecord:
     """Logged signals of one tick; agents, joints and contacts of all groups are concatenated.
 
     `colift.closed_loop.log_signals` defines unit, frame and meaning of each field. A wrench, and the payload
-    acceleration `a_L`, are one field of six numbers; the log splits them. The last ten fields are None unless the
-    controller has an innovation filter.
+    acceleration `a_L`, are one field of six numbers; the log splits them. The last twelve fields are None unless
+    the controller has a residual corrector.
     """
 
     t: Float[Array, "*time"]
@@ -73,17 +73,19 @@ class StepRecord:
     Phi: Float[Array, "*time"]
     Phi_dot: Float[Array, "*time"]
     min_delassus_singular_value: Float[Array, "*time agents"]
-    # Only for controllers with an innovation filter
-    innovation_L: Float[Array, "*time 6"] | None = None
-    innovation_x: Float[Array, "*time agents 3"] | None = None
-    model_gain_L: Float[Array, "*time 6"] | None = None
-    model_gain_x: Float[Array, "*time agents 3"] | None = None
-    delay_error_L: Float[Array, "*time 6"] | None = None
-    delay_error_x: Float[Array, "*time agents 3"] | None = None
-    correction_error_L: Float[Array, "*time 6"] | None = None
-    correction_error_x: Float[Array, "*time agents 3"] | None = None
-    correction_weight: Float[Array, "*time"] | None = None
-    labels_available: Float[Array, "*time"] | None = None
+    # Only for controllers with a residual corrector
+    correction_L: Float[Array, "*time 6"] | None = None
+    correction_x: Float[Array, "*time agents 3"] | None = None
+    correction_std_L: Float[Array, "*time 6"] | None = None
+    correction_std_x: Float[Array, "*time agents 3"] | None = None
+    correction_weight_L: Float[Array, "*time 6"] | None = None
+    correction_weight_x: Float[Array, "*time agents 3"] | None = None
+    label_L: Float[Array, "*time 6"] | None = None
+    label_x: Float[Array, "*time agents 3"] | None = None
+    model_prediction_L: Float[Array, "*time 6"] | None = None
+    model_prediction_x: Float[Array, "*time agents 3"] | None = None
+    label_valid: Float[Array, "*time"] | None = None
+    correction_nis: Float[Array, "*time"] | None = None
 
 
 def true_residual(
@@ -196,12 +198,12 @@ def make_record(
         Phi=jnp.abs(grasp.constraint_residual(team, z)).max(),
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
         min_delassus_singular_value=grasp.min_delassus_singular_value(team, z),
-        **({} if (innovation := telemetry.innovation) is None else _innovation_signals(innovation)),
+        **({} if (correction := telemetry.correction) is None else _correction_signals(correction)),
     )
 
 
-def _innovation_signals(innovation: residual_correction.Innovation) -> dict[str, Array]:
-    """Return the record fields of the innovation."""
+def _correction_signals(correction: residual_correction.ResidualCorrection) -> dict[str, Array]:
+    """Return the record fields of the correction."""
 
     def parts(forces: ResidualForces) -> tuple[Array, Array]:
         return jnp.concatenate([forces.payload.F, forces.payload.tau]), jnp.concatenate(
@@ -209,18 +211,16 @@ def _innovation_signals(innovation: residual_correction.Innovation) -> dict[str,
         )
 
     signals = {
-        "innovation": innovation.r,
-        "model_gain": innovation.model_gain,
-        "delay_error": innovation.delay_error_rms,
-        "correction_error": innovation.correction_error_rms,
+        "correction": correction.error,
+        "correction_std": correction.std,
+        "correction_weight": correction.weight,
+        "label": correction.label,
+        "model_prediction": correction.prediction,
     }
     split = {
         f"{name}_{body}": x for name, forces in signals.items() for body, x in zip("Lx", parts(forces), strict=True)
     }
-    return split | {
-        "correction_weight": innovation.correction_weight,
-        "labels_available": innovation.labels_available,
-    }
+    return split | {"label_valid": correction.label_valid, "correction_nis": correction.nis}
 
 
 def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:

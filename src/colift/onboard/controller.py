@@ -91,7 +91,7 @@ class ControllerState:
         payload_controller: State of the payload controller.
         last_command: Commands of the previous control period, after the thrust limit.
         actuator: State of the actuator compensator.
-        innovation: State of the innovation filter; None without the filter.
+        corrector: State of the residual corrector; None without a corrector.
         last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
         initialized: 0 before the first control period, 1 afterwards.
     """
@@ -102,7 +102,7 @@ class ControllerState:
     payload_controller: PartState
     last_command: TeamInputs
     actuator: PartState
-    innovation: residual_correction.InnovationState | None
+    corrector: PartState
     last_wrench: Wrench
     initialized: Scalar
 
@@ -141,7 +141,7 @@ class LeaderFollowerController:
         allocator: Distribution of the payload wrench to contact forces.
         agent_controller: Controller of the agents.
         actuator_compensator: Compensation of the actuator dynamics; by default none.
-        innovation_filter: Filter of the residual model's innovation; None disables it.
+        residual_corrector: Estimator of the error of the residual model; None disables it.
         preview_step: Interval between the times at which the control law is evaluated on the reference [s], such as
             `colift.onboard.control.preview.PREVIEW_STEP`; None disables the preview.
 
@@ -164,7 +164,7 @@ class LeaderFollowerController:
     allocator: Allocator
     agent_controller: AgentController
     actuator_compensator: ActuatorCompensator = NoCompensation()
-    innovation_filter: residual_correction.InnovationFilter | None = None
+    residual_corrector: residual_correction.ResidualCorrector | None = None
     preview_step: Scalar | None = None
 
     def init(self, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, ControllerState]:
@@ -188,7 +188,7 @@ class LeaderFollowerController:
             payload_controller=self.payload_controller.init(),
             last_command=zero,
             actuator=self.actuator_compensator.init(zero),
-            innovation=None if self.innovation_filter is None else self.innovation_filter.init(self.team),
+            corrector=None if self.residual_corrector is None else self.residual_corrector.init(self.team),
             last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
             initialized=jnp.zeros(()),
         )
@@ -201,9 +201,9 @@ class LeaderFollowerController:
             setpoint=self.reference.evaluate(clock.t),
             last_wrench=state.last_wrench,
             initialized=state.initialized,
-            innovation=None
-            if self.innovation_filter is None
-            else residual_correction.zero_innovation(self.team, clock.t),
+            correction=None
+            if self.residual_corrector is None
+            else residual_correction.zero_correction(self.team, clock.t),
         )
         hover, _, _ = self.control_law(state.payload_controller, state.predictor, context)
         return hover, dataclasses.replace(state, last_command=hover, actuator=self.actuator_compensator.init(hover))
@@ -233,20 +233,19 @@ class LeaderFollowerController:
             last_wrench=state.last_wrench,
             initialized=state.initialized,
         )
-        innovation_state = state.innovation
-        if self.innovation_filter is not None:
-            assert innovation_state is not None  # for the type checker: `init` sets it with the filter
-            innovation_state, innovation = self.innovation_filter.update(
-                innovation_state, self.team, self.residual_model, estimate, clock
+        corrector = state.corrector
+        if self.residual_corrector is not None:
+            corrector, correction = self.residual_corrector.update(
+                corrector, self.team, self.residual_model, estimate, clock
             )
-            context = dataclasses.replace(context, innovation=innovation)
+            context = dataclasses.replace(context, correction=correction)
         predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
         requested, payload_controller, telemetry = self.control_law(state.payload_controller, predictor, context)
         command, actuator = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
         state = ControllerState(
             estimator=estimator_state,
             recorder=self.recorder.record(state.recorder, measurement, estimate.sample, clock.t),
-            innovation=innovation_state,
+            corrector=corrector,
             predictor=predictor,
             payload_controller=payload_controller,
             last_command=command,
@@ -282,7 +281,7 @@ class LeaderFollowerController:
             f_hat=demand.f_hat,
             eta=demand.forces.eta,
             saturated=saturated,
-            innovation=context.innovation,
+            correction=context.correction,
         )
         return inputs, next_state, telemetry
 

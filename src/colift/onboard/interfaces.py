@@ -9,7 +9,7 @@ One control period of ``LeaderFollowerController``, in the order of the calls:
 1   ``ActuatorCompensator.effective_command``        inputs that were in effect since the previous period
 2   ``Estimator.update``                             state estimate and training sample
 3   ``ReferenceTrajectory.evaluate``                 setpoint of the payload
-4   ``InnovationFilter.update``                      innovation of the residual model (optional part)
+4   ``ResidualCorrector.update``                     error of the residual model (optional part)
 5   ``ResidualPredictor.update``                     state of the predictor
 6   ``PayloadController.compute``                    commanded payload acceleration
 7   ``ResidualPredictor.predict``                    predicted residuals ``f_hat``
@@ -107,7 +107,7 @@ class ControlContext:
         initialized: 0 in the first period, 1 afterwards. Differences and filters start with the second period.
         preview: Control law evaluated on the reference at times around ``clock.t``. Set for ``AgentController.compute``
             if the controller has a ``preview_step``; None otherwise.
-        innovation: Innovation of the residual model [N, N m]. None if the controller has no ``innovation_filter``.
+        correction: Estimated error of the residual model [N, N m]. None without a ``residual_corrector``.
     """
 
     team: Team
@@ -118,7 +118,7 @@ class ControlContext:
     last_wrench: Wrench
     initialized: Scalar
     preview: TeamPreview | None = None
-    innovation: residual_correction.Innovation | None = None
+    correction: residual_correction.ResidualCorrection | None = None
 
 
 @pytree
@@ -169,7 +169,7 @@ class Telemetry:
         f_hat: Predicted residuals of agents and payload.
         eta: Internal-force input [N].
         saturated: Agents whose thrust command was limited.
-        innovation: Innovation of the residual model; None if the controller has no innovation filter.
+        correction: Estimated error of the residual model; None without a ``residual_corrector``.
     """
 
     estimate: StateEstimate
@@ -179,7 +179,7 @@ class Telemetry:
     f_hat: ResidualForces
     eta: Float[Array, " eta"]
     saturated: SaturationFlags
-    innovation: residual_correction.Innovation | None = None
+    correction: residual_correction.ResidualCorrection | None = None
 
 
 # The whole controller -------------------------------------------------------------------------------------------------
@@ -270,7 +270,7 @@ class Estimator(Protocol):
 class ResidualPredictor(Protocol):
     """Prediction of the residual forces ``f_hat`` that the controller compensates.
 
-    Implementations: ``LearnedResidual``, ``DisturbanceObserver``, ``InnovationCorrection`` and ``TrueResidual`` in
+    Implementations: ``LearnedResidual``, ``DisturbanceObserver``, ``CorrectedResidual`` and ``TrueResidual`` in
     ``colift.onboard.learning.residual_predictors``.
     """
 

@@ -178,9 +178,13 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
                 residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, tuning.ridge_alpha),
             )
         case "label_feedback" | "gp_label_feedback" | "adaptive":
-            controller = controllers.with_innovation_filter(
-                settings, controllers.with_preview(controller), hold_correction=case != "adaptive"
+            adaptive = case == "adaptive"
+            corrector = (
+                controllers.residual_kalman_filter(settings, controller.team)
+                if adaptive
+                else controllers.label_filter(settings)
             )
+            controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
     prior = np.array(
         [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
     )

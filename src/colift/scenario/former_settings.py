@@ -18,7 +18,7 @@ _LEARNING = "colift.onboard.learning"
 CONSTANTS: dict[str, tuple[float, str]] = {
     "online_correction.lead_time_s": (
         0.02,
-        f"the field lead_time of {_LEARNING}.residual_predictors.InnovationCorrection",
+        f"the field lead_time of {_LEARNING}.residual_predictors.CorrectedResidual",
     ),
     "online_correction.hold_time_s": (0.2, f"the field hold_time of {_LEARNING}.residual_correction.InnovationFilter"),
     "online_correction.averaging_time_s": (

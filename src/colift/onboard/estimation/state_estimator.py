@@ -238,6 +238,7 @@ class TrainingSample:
 
     payload: tuple[Float[Array, "24"], Float[Array, "6"]]  # input; label, N world and N m payload frame
     agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]  # the same, by group
+    unfiltered: tuple[Float[Array, "6"], tuple[Float[Array, "agents outputs"], ...]]  # labels before the label filter
     valid: Float[Array, ""]  # 1 if the tip readings are recent; 0 if not, then the labels are held
     sample_interval: Float[Array, ""]  # s, since the previous valid label
 
@@ -321,7 +322,7 @@ def _update(
 ) -> tuple[StateEstimate, EstimatorState]:
     """Advance all filters by one control period; `valid` is 1 if the tip readings give a label."""
     q = measurement.payload
-    agents, states, forces = [], [], []
+    agents, states, forces, labels = [], [], [], []
     measured, previous = NavState(R=q.R, x=q.p, v=q.v), (state.payload, state.bias)
     fused, bias, omega, a = complementary_update(
         previous, measured, q.omega, q.a, team.gravity, filters, state.initialized, dt
@@ -334,12 +335,13 @@ def _update(
     for group, agent_state, reading, u in zip(
         team.agent_groups, state.agents, measurement.agents, applied, strict=True
     ):
-        estimate, lam, next_agent_state = update_agents(
+        estimate, lam, label, next_agent_state = update_agents(
             group, filters, payload, agent_state, reading, u, team.gravity, state.initialized, b, dt
         )
         agents.append(next_agent_state)
         states.append(estimate)
         forces.append(lam)
+        labels.append(label)
     # The first control period has no difference.
     omega_dot = state.initialized * (omega - state.omega) / dt
     specific_force = payload.R @ a
@@ -367,6 +369,7 @@ def _update(
     sample = TrainingSample(
         payload=(next_state.inputs.stage2, next_state.label.stage2),
         agents=tuple((agent.inputs.stage2, agent.label.stage2) for agent in next_state.agents),
+        unfiltered=(modelled - contact, tuple(labels)),
         valid=valid,
         sample_interval=interval,
     )
@@ -405,7 +408,7 @@ def _update_agent(
     initialized: Scalar,
     b_label: Scalar,
     dt: Scalar,
-) -> tuple[AgentState, Float[Array, "arms 3"], AgentFilterState]:
+) -> tuple[AgentState, Float[Array, "arms 3"], Float[Array, "outputs"], AgentFilterState]:
     """Compute state, contact forces and label (Eq. learning_output_components) of one agent, and its filter state."""
     measured = NavState(R=m.R, x=m.x, v=m.v)
     base, bias, omega, specific_force = complementary_update(
@@ -451,4 +454,4 @@ def _update_agent(
         label=_filter_label(state.label, modelled + contact, b_label, initialized),
         inputs=_filter_label(state.inputs, flatten_agent_state(q), b_label, initialized),
     )
-    return q, lam, next_state
+    return q, lam, modelled + contact, next_state
