@@ -161,7 +161,9 @@ def predictive_std(rows: StepRecord, sigma: PredictionUncertainty) -> tuple[np.n
         of_model = s * s if c is None or w is None else c[at] ** 2 + (1 - w[at]) * s * s
         return np.sqrt(of_model + b * b)
 
-    agents = [np.concatenate([group[..., :3] for group in of], axis=1) for of in (sigma.agent_std, sigma.agent_label_bias)]
+    agents = [
+        np.concatenate([group[..., :3] for group in of], axis=1) for of in (sigma.agent_std, sigma.agent_label_bias)
+    ]
     return (
         combined(sigma.payload_std, sigma.payload_label_bias, rows.correction_std_L, rows.correction_weight_L),
         combined(*agents, rows.correction_std_x, rows.correction_weight_x),

@@ -212,7 +212,9 @@ def with_preview(
 
 
 def with_residual_corrector(
-    settings: schema.Scenario, base: controller.LeaderFollowerController, corrector: residual_correction.ResidualCorrector
+    settings: schema.Scenario,
+    base: controller.LeaderFollowerController,
+    corrector: residual_correction.ResidualCorrector,
 ) -> controller.LeaderFollowerController:
     """Return the controller with feedback correction of its predictions from labels.
 

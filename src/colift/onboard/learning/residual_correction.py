@@ -220,9 +220,7 @@ class ResidualKalmanFilter:
         """
         p = self._variance()
         z, zero = jnp.zeros_like(p), jnp.zeros(())
-        noise = LabelNoise(
-            previous=z, block_sum=z, previous_block=z, count=zero, labels=zero, allan_1=z, allan_block=z
-        )
+        noise = LabelNoise(previous=z, block_sum=z, previous_block=z, count=zero, labels=zero, allan_1=z, allan_block=z)
         return KalmanState(
             update_index=jnp.zeros((), int),
             prediction=z,
@@ -541,9 +539,7 @@ def unflatten(team: Team, outputs: Outputs) -> ResidualForces:
     """Return residual forces from the vector of `flatten`."""
     leaves, structure = jax.tree.flatten(zero_residual(team))
     ends = list(itertools.accumulate(leaf.size for leaf in leaves))
-    parts = [
-        outputs[end - leaf.size : end].reshape(leaf.shape) for leaf, end in zip(leaves, ends, strict=True)
-    ]
+    parts = [outputs[end - leaf.size : end].reshape(leaf.shape) for leaf, end in zip(leaves, ends, strict=True)]
     return jax.tree.unflatten(structure, parts)
 
 
