@@ -28,6 +28,7 @@ from colift.closed_loop import flight, simulator
 from colift.math import so3
 from colift.math.linalg import matmul
 from colift.models.state import State
+from colift.onboard.learning import residual_correction
 from colift.runtime import signals
 from colift.simulation import sensors
 from colift.simulation.world import SimulatedWorld, WorldNoise
@@ -44,14 +45,15 @@ MARGINAL_THRESHOLD = 1e-6  # rad/s, rounding error of a rate: that of |z| divide
 POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
-    r"|\.estimator\.time_since_label$|\.(initialized|correction_weight)$"
+    r"|\.estimator\.time_since_label$|\.initialized$"
 )
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
-    r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|label_noise|label_age|initialized)"
+    r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise|initialized)"
 )
 COMMAND = r"\.controller\.last_command\[\d+\]\..*"
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
-LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench|label|inputs)\b"
+LABEL_FILTERS = r"\.estimator\.(agents\[\d+\]\.)?(label|inputs)\b"
+LABELS = rf"{LABEL_FILTERS}|\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench)\b"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -341,7 +343,8 @@ def _undisturbed_loop(
 ) -> tuple[simulator.LoopConfig, simulator.LoopState, WorldNoise]:
     """Return configuration, state and noise of the loop without disturbances and limits, with the clock at zero.
 
-    The state is taken after one tick and as many further ticks as the largest sensor delay.
+    The state is taken after one tick and as many further ticks as the largest sensor delay. A Kalman filter of the
+    model error has its steady-state covariances: those of the least label noise, as sensors are exact.
     """
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
@@ -351,6 +354,11 @@ def _undisturbed_loop(
         default=0,
     )
     end, _ = simulator.rollout(experiment.loop_config, start, noise, jnp.asarray(1 + max_delay))
+    corrector = getattr(end.controller, "corrector", None)
+    filter_ = getattr(experiment.controller, "residual_corrector", None)
+    if isinstance(filter_, residual_correction.ResidualKalmanFilter):
+        corrector = filter_.steady_state(corrector, experiment.loop_config.dt)
+        end = dataclasses.replace(end, controller=dataclasses.replace(end.controller, corrector=corrector))
     return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
 
 
@@ -603,7 +611,8 @@ def _coordinates(x: LoopStateTree, y: LoopStateTree) -> Array:
 def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     """Select the states that influence the plant in later ticks.
 
-    Recorded data are excluded, as are label filters if the controller has no residual corrector.
+    Recorded data are excluded. Labels are excluded without a residual corrector, and their filters for the Kalman
+    filter of the model error, which uses labels before the filter.
 
     Args:
         loop: Loop state.
@@ -611,8 +620,11 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     Returns:
         The floating-point leaves by path.
     """
-    has_corrector = getattr(loop.controller, "corrector", None) is not None
-    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES if has_corrector else LABELS))
+    corrector = getattr(loop.controller, "corrector", None)
+    unused = [LABELS] if corrector is None else []
+    if isinstance(corrector, residual_correction.KalmanState):
+        unused = [LABEL_FILTERS]
+    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, *unused))
     return {
         key: leaf
         for key, leaf in _leaves(loop)

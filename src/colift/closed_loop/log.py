@@ -21,6 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 import xarray as xr
+from jaxtyping import Array
 
 from colift.closed_loop import log_checks, log_signals, log_upgrade, pose_signals
 from colift.closed_loop.log_signals import all_joints as all_joints
@@ -157,9 +158,13 @@ def predictive_std(rows: StepRecord, sigma: PredictionUncertainty) -> tuple[np.n
     """
     at = uncertainty_indices(rows, sigma)
 
-    def combined(s: np.ndarray, b: np.ndarray, c: np.ndarray | None, w: np.ndarray | None) -> np.ndarray:
-        of_model = s * s if c is None or w is None else c[at] ** 2 + (1 - w[at]) * s * s
-        return np.sqrt(of_model + b * b)
+    def combined(
+        s: np.ndarray, b: np.ndarray, c: Array | np.ndarray | None, w: Array | np.ndarray | None
+    ) -> np.ndarray:
+        if c is None or w is None:
+            return np.hypot(s, b)
+        c, w = np.asarray(c)[at], np.asarray(w)[at]
+        return np.sqrt(c * c + (1 - w) * s * s + b * b)
 
     agents = [
         np.concatenate([group[..., :3] for group in of], axis=1) for of in (sigma.agent_std, sigma.agent_label_bias)

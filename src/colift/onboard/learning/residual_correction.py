@@ -107,6 +107,14 @@ class ResidualCorrector(Protocol):
         ...
 
 
+SETTLING_PERIODS = 10000
+"""Control periods after which covariances are those of the steady state."""
+BLOCK = 8
+"""Number of labels of a block, over which differenced noise averages out."""
+TINY = 1e-12
+"""Variance that avoids a division by zero [N^2, (N m)^2]."""
+
+
 @pytree
 class LabelNoise:
     """Moments from which the noise of the labels is computed, one value per output.
@@ -129,6 +137,19 @@ class LabelNoise:
     allan_1: Outputs
     allan_block: Outputs
 
+    def variances(self) -> tuple[Outputs, Outputs]:
+        """Compute the variances R of white noise and Q of differenced noise.
+
+        White noise of variance R has the Allan variances R over one label, and R over a block, times its length. The
+        difference of white noise of variance Q has ``3 Q`` and ``3 Q / BLOCK``.
+
+        Returns:
+            R and Q [N^2, (N m)^2].
+        """
+        Q = jnp.maximum(self.allan_1 - self.allan_block, 0.0) / (3 - 3 / BLOCK)
+        R = jnp.maximum(self.allan_block - 3 / BLOCK * Q, 0.01 * self.allan_1) + TINY
+        return R, Q
+
 
 @pytree
 class KalmanState:
@@ -145,7 +166,6 @@ class KalmanState:
         noise: Estimated differenced noise ``n`` of the last label, its variance, and its covariances with d and v.
         error_ms: Mean square of the model error over the averaging time [N^2, (N m)^2].
         label_noise: Moments of the labels.
-        label_age: Time since the last label [s].
         initialized: 0 before the first label, 1 afterwards.
     """
 
@@ -159,12 +179,7 @@ class KalmanState:
     noise: tuple[Outputs, Outputs, Outputs, Outputs]
     error_ms: Outputs
     label_noise: LabelNoise
-    label_age: Scalar
     initialized: Scalar
-
-
-BLOCK = 8
-"""Number of labels of a block, over which differenced noise averages out."""
 
 
 @pytree
@@ -178,7 +193,9 @@ class ResidualKalmanFilter:
         y_k = F f_hat + d + n_k - n_(k-1) + e_k
 
     with the tip sensor lag ``F``, white noise e, and the noise n of quantities that the label differentiates. The
-    variances of e and n follow from the Allan variances over one and over `BLOCK` labels.
+    variances R of e and Q of n follow from the Allan variances over one and over `BLOCK` labels. R has a minimum, which
+    limits the bandwidth of the feedback from labels to commands: with R alone, the steady-state filter has the corner
+    frequency ``(4 lambda^3 sigma^2 / (R dt))^(1/4)`` [rad/s].
 
     Without labels the variance of d grows from its value ``P_0`` at the last label. The prediction without the
     correction has the mean square error ``E``. The correction is weighted by ``w = E / (E + P - P_0)``, which minimizes
@@ -188,6 +205,7 @@ class ResidualKalmanFilter:
         std: Standard deviation ``sigma`` of the model error [N, N m].
         decay_rate: Decay rate ``lambda`` [1/s].
         tip_bandwidth: Bandwidth of the tip force sensors [Hz].
+        max_bandwidth: Largest corner frequency of the filter [Hz].
         averaging_time: Time constant of ``E`` [s].
         noise_averaging_time: Time constant of the Allan variances [s].
 
@@ -206,6 +224,7 @@ class ResidualKalmanFilter:
     std: ResidualForces
     tip_bandwidth: Scalar
     decay_rate: Scalar = constant(1.0)
+    max_bandwidth: Scalar = constant(10.0)
     averaging_time: Scalar = constant(1.0)
     noise_averaging_time: Scalar = constant(5.0)
 
@@ -232,12 +251,42 @@ class ResidualKalmanFilter:
             noise=(z, z, z, z),
             error_ms=z,
             label_noise=noise,
-            label_age=zero,
             initialized=zero,
         )
 
     def _variance(self) -> Outputs:
         return flatten(self.std) ** 2
+
+    def min_noise_variance(self, dt: Scalar) -> Outputs:
+        """Return the least variance of white label noise, from the largest corner frequency.
+
+        Args:
+            dt: Control period [s].
+
+        Returns:
+            The variance [N^2, (N m)^2].
+        """
+        return 4 * self.decay_rate**3 * self._variance() / (dt * (2 * jnp.pi * self.max_bandwidth) ** 4)
+
+    def steady_state(self, state: KalmanState, dt: Scalar) -> KalmanState:
+        """Return the state with the covariances of a label in every control period and of the present label noise.
+
+        Args:
+            state: Filter state.
+            dt: Control period [s].
+
+        Returns:
+            The state after `SETTLING_PERIODS` control periods; its error and rate are those of the given state.
+        """
+        zero = jnp.zeros_like(state.d)
+
+        def advance(_: Int[Array, ""], current: KalmanState) -> KalmanState:
+            R, Q = self._noise_variances(state.label_noise, dt)
+            return self._correct(current, zero, jnp.ones(()), R, Q, dt)[0]
+
+        end = jax.lax.fori_loop(0, SETTLING_PERIODS, advance, state)
+        n = state.noise[0]
+        return dataclasses.replace(state, P=end.P, P_label=end.P_label, noise=(n, *end.noise[1:]))
 
     def update(
         self,
@@ -301,30 +350,43 @@ class ResidualKalmanFilter:
             The next filter state and the normalized innovation squared of each output.
         """
         valid = sample.valid
-        noise, R, Q = self._label_noise(state, y, sample)
+        noise = self._label_noise(state.label_noise, y, sample)
         b = initial_smoothing_factor(state.initialized, smoothing_factor(self.tip_bandwidth, dt))
         delayed = state.delayed + b * (f - state.delayed)
+        corrected, nis = self._correct(state, y - delayed, valid, *self._noise_variances(noise, dt), dt)
+        average, d = valid * -jnp.expm1(-sample.sample_interval / self.averaging_time), corrected.d
+        next_state = dataclasses.replace(
+            corrected,
+            prediction=f,
+            delayed=delayed,
+            error_ms=state.error_ms + average * (d * d - state.error_ms),
+            label_noise=noise,
+            initialized=jnp.maximum(state.initialized, valid),
+        )
+        return next_state, nis
+
+    def _noise_variances(self, noise: LabelNoise, dt: Scalar) -> tuple[Outputs, Outputs]:
+        """Return the variances of white and of differenced label noise."""
+        R, Q = noise.variances()
+        return jnp.maximum(R, self.min_noise_variance(dt)), Q
+
+    def _correct(
+        self, state: KalmanState, y: Outputs, valid: Scalar, R: Outputs, Q: Outputs, dt: Scalar
+    ) -> tuple[KalmanState, Outputs]:
+        """Predict error and covariances, and correct them by label minus prediction; return the state and the NIS."""
         d, v, P, (n, P_nn, P_dn, P_vn) = self._predict(state, dt)
         H_d, H_v = P[0] - P_dn, P[1] - P_vn  # covariances of d and v with the predicted label
         S = H_d - P_dn + P_nn + R + Q
-        innovation = y - delayed - d + n
+        innovation = y - d + n
         K_d, K_v, K_n = valid * H_d / S, valid * H_v / S, valid * Q / S
-        d, v = d + K_d * innovation, v + K_v * innovation
         P = (P[0] - K_d * H_d, P[1] - K_d * H_v, P[2] - K_v * H_v)
-        average = valid * -jnp.expm1(-sample.sample_interval / self.averaging_time)
-        next_state = KalmanState(
-            update_index=state.update_index,
-            prediction=f,
-            delayed=delayed,
-            d=d,
-            v=v,
+        next_state = dataclasses.replace(
+            state,
+            d=d + K_d * innovation,
+            v=v + K_v * innovation,
             P=P,
             P_label=jnp.where(valid > 0, P[0], state.P_label),
             noise=(K_n * innovation, Q - K_n * Q, -K_d * Q, -K_v * Q),
-            error_ms=state.error_ms + average * (d * d - state.error_ms),
-            label_noise=noise,
-            label_age=(1 - valid) * sample.sample_interval,
-            initialized=jnp.maximum(state.initialized, valid),
         )
         return next_state, innovation * innovation / S
 
@@ -349,29 +411,23 @@ class ResidualKalmanFilter:
             (n, P_nn, a * P_dn + b * P_vn, c * P_dn + g * P_vn),
         )
 
-    def _label_noise(
-        self, state: KalmanState, y: Outputs, sample: TrainingSample
-    ) -> tuple[LabelNoise, Outputs, Outputs]:
-        """Advance the Allan variances; return the variances of white and of differenced label noise.
-
-        White noise of variance R has the Allan variances R over one label, and R over a block, times its length. The
-        difference of white noise of variance Q has ``3 Q`` and ``3 Q / BLOCK``.
-        """
-        of, valid, time = state.label_noise, sample.valid, self.noise_averaging_time
+    def _label_noise(self, of: LabelNoise, y: Outputs, sample: TrainingSample) -> LabelNoise:
+        """Advance the Allan variances by the label of this control period."""
+        valid, time = sample.valid, self.noise_averaging_time
         labels = of.labels + valid
 
         def gain(elapsed: Scalar, number: Scalar) -> Scalar:  # of a mean that starts with the first value
             return jnp.maximum(-jnp.expm1(-elapsed / time), 1 / jnp.maximum(number, 1.0))
 
         difference = y - of.previous
-        b = valid * (of.labels > 0) * gain(sample.sample_interval, labels - 1)
+        b = valid * (of.labels > 0).astype(float) * gain(sample.sample_interval, labels - 1)
         allan_1 = of.allan_1 + b * (0.5 * difference * difference - of.allan_1)
         total, count = of.block_sum + valid * y, of.count + valid
         full = (count >= BLOCK).astype(float)
         change = (total - of.previous_block) / BLOCK
-        b = full * (labels > BLOCK) * gain(BLOCK * sample.sample_interval, labels / BLOCK - 1)
+        b = full * (labels > BLOCK).astype(float) * gain(BLOCK * sample.sample_interval, labels / BLOCK - 1)
         allan_block = of.allan_block + b * (0.5 * BLOCK * change * change - of.allan_block)
-        noise = LabelNoise(
+        return LabelNoise(
             previous=jnp.where(valid > 0, y, of.previous),
             block_sum=(1 - full) * total,
             previous_block=jnp.where(full > 0, total, of.previous_block),
@@ -380,13 +436,6 @@ class ResidualKalmanFilter:
             allan_1=allan_1,
             allan_block=allan_block,
         )
-        Q = jnp.maximum(allan_1 - allan_block, 0.0) / (3 - 3 / BLOCK)
-        R = jnp.maximum(allan_block - 3 / BLOCK * Q, 0.01 * allan_1) + TINY
-        return noise, R, Q
-
-
-TINY = 1e-12
-"""Variance that avoids a division by zero [N^2, (N m)^2]."""
 
 
 @pytree
@@ -401,6 +450,8 @@ class LabelFilterState:
         stage2: Prediction behind that lag and the whole label filter.
         error: Filtered label minus filtered prediction.
         previous: Error at the last label.
+        rate_ms: Mean square of the rate over the averaging time [(N/s)^2, (N m/s)^2].
+        error_ms: Mean square of the error over the averaging time [N^2, (N m)^2].
         time_since_label: Time since the last label [s].
         initialized: 0 before the first control period, 1 afterwards.
     """
@@ -412,6 +463,8 @@ class LabelFilterState:
     stage2: ResidualForces
     error: ResidualForces
     previous: ResidualForces
+    rate_ms: ResidualForces
+    error_ms: ResidualForces
     time_since_label: Scalar
     initialized: Scalar
 
@@ -420,13 +473,17 @@ class LabelFilterState:
 class LabelFilter:
     """Difference of filtered label and filtered prediction, ``F y - F f_hat``, with its rate.
 
-    The correction is held constant without labels. Cases `label_feedback` and `gp_label_feedback` use it.
+    The correction is held constant without labels. Its error is the change of the model error over the delay ``D`` of
+    the label filter and the age ``a`` of the last label. With mean squares over the averaging time, the variance is
+    ``min((D + a)^2 <rate^2>, 2 <error^2>)``. Cases `label_feedback` and `gp_label_feedback` use this filter.
 
     Attributes:
         filters: Corner frequencies of the label filters.
+        averaging_time: Time constant of the mean squares [s].
     """
 
     filters: FilterBandwidths
+    averaging_time: Scalar = constant(1.0)
 
     def init(self, team: Team) -> LabelFilterState:
         """Return the state before the first control period.
@@ -443,6 +500,8 @@ class LabelFilter:
             stage2=none,
             error=none,
             previous=none,
+            rate_ms=none,
+            error_ms=none,
             time_since_label=jnp.ones(()),
             initialized=jnp.zeros(()),
         )
@@ -491,6 +550,11 @@ class LabelFilter:
         )
         elapsed = jnp.where(sample.valid > 0, sample.sample_interval, state.time_since_label + dt)
         rate = jax.tree.map(lambda now, before: state.initialized / elapsed * (now - before), error, previous)
+        average = state.initialized * sample.valid * -jnp.expm1(-sample.sample_interval / self.averaging_time)
+        rate_ms, error_ms = (
+            _low_pass(old, jax.tree.map(jnp.square, x), average)
+            for old, x in ((state.rate_ms, rate), (state.error_ms, error))
+        )
         next_state = LabelFilterState(
             update_index=model.update_index,
             prediction=f,
@@ -499,14 +563,20 @@ class LabelFilter:
             stage2=stage2,
             error=error,
             previous=previous,
+            rate_ms=rate_ms,
+            error_ms=error_ms,
             time_since_label=elapsed,
             initialized=jnp.ones(()),
         )
-        zero = zero_correction(team, clock.t)
+        delay = self.filters.label_delay() + (1 - sample.valid) * sample.sample_interval
+        std = jax.tree.map(
+            lambda rate, error: jnp.sqrt(jnp.minimum(delay * delay * rate, 2 * error)), rate_ms, error_ms
+        )
         correction = dataclasses.replace(
-            zero,
+            zero_correction(team, clock.t),
             error=error,
             rate=rate,
+            std=std,
             label=_residual_forces(*sample.unfiltered),
             prediction=f,
             label_valid=sample.valid,

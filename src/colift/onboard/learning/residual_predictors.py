@@ -30,7 +30,7 @@ from colift.onboard.learning import residual_model
 
 Scalar = Float[Array, ""]
 DEFAULT_LEAD_TIME = 0.02
-"""Default lead time of a correction by filtered labels [s], about half the delay of labels that are filtered at 8 Hz."""
+"""Default lead time of a correction by labels [s], about half the delay of labels that are filtered at 8 Hz."""
 
 
 @pytree
