@@ -63,7 +63,7 @@ CASES = (
     *MODELS,
     "full with labels",
     "place with labels",
-)  # the last two: with innovation correction as in gp_label_feedback
+)  # the last two: with correction as in gp_label_feedback
 SEEDS = range(3)
 MAX_LENGTHSCALE_RATIO = 10.0
 
@@ -481,7 +481,7 @@ def make_frozen_experiment(case: str, condition: str, seed: int) -> flight.Exper
     controller = dataclasses.replace(case_experiment.controller, residual_model=fit_model(model, seed).model)
     return dataclasses.replace(
         case_experiment,
-        controller=controllers.with_innovation_filter(flight_data, controller, hold_correction=True)
+        controller=controllers.with_residual_corrector(flight_data, controller, controllers.label_filter(flight_data))
         if labels
         else controller,
     )

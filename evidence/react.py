@@ -3,8 +3,8 @@
 Each sample draws a seed, a rotation of the wind, a mass step of the payload, a path that leaves the data, true and
 nominal actuator lag, label dropout and noise. All cases have preview and the same nominal lag. Case `label_feedback` is
 simulated with its default lead time, and with the best one in nominal conditions (`evidence baselines`). Errors are
-those after the changes. For samples with label dropout, `gp_label_feedback` is simulated with constant and with
-decaying correction. C1 is simulated if `adaptive` does not complete the flight.
+those after the changes. For samples with label dropout, `gp_label_feedback` is simulated with the correction that is
+held and with the decaying one of `adaptive`. C1 is simulated if `adaptive` does not complete the flight.
 """
 
 from __future__ import annotations
@@ -104,15 +104,14 @@ def with_lead_time(settings: Scenario) -> Experiment:
     return dataclasses.replace(plan, controller=controllers.with_lead_time(plan.controller, LEAD_TIME))
 
 
-def decaying(constant_correction: Experiment, adaptive: Experiment) -> Experiment:
+def decaying(held_correction: Experiment, adaptive: Experiment) -> Experiment:
     """Return the experiment of `gp_label_feedback` with the decaying correction of `adaptive`."""
-    with_decay = dataclasses.replace(
-        constant_correction.controller.innovation_filter, decay_time=adaptive.controller.innovation_filter.decay_time
+    controller = dataclasses.replace(
+        held_correction.controller,
+        residual_corrector=adaptive.controller.residual_corrector,
+        residual_predictor=adaptive.controller.residual_predictor,
     )
-    return dataclasses.replace(
-        constant_correction,
-        controller=dataclasses.replace(constant_correction.controller, innovation_filter=with_decay),
-    )
+    return dataclasses.replace(held_correction, controller=controller)
 
 
 def simulate_case(case_experiment: Experiment) -> dict[str, Any]:

@@ -30,7 +30,7 @@ CASES = {
     "C1": "no learning",
     "C2": "payload learning",
     "C3": "payload and agent learning",
-    "adaptive": "GPs updated online, with innovation correction",
+    "adaptive": "GPs updated online, corrected by a Kalman filter",
     "integral": "C1 with integral action",
     "disturbance_observer": "low-pass filter of the unexplained wrench",
     "parametric": "identified rigid-body parameters",

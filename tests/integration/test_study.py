@@ -97,7 +97,7 @@ def test_label_feedback_compensates_added_mass():
 
 def test_adaptive_detects_and_identifies_added_mass():
     c4 = light_flight("adaptive")
-    assert c4.records.innovation_L is not None
+    assert c4.records.correction_L is not None
     assert [update.t for update in c4.updates] == pytest.approx([1.0, 1.5, 2.0, 2.5, 3.0, 3.5])
     assert all(update.t == update.activation_time for update in c4.updates)
     assert {id(update.fits["payload"]) for update in c4.updates[1:]} == {id(c4.updates[1].fits["payload"])}
@@ -111,17 +111,19 @@ def test_adaptive_detects_and_identifies_added_mass():
 @pytest.mark.long
 def test_gp_label_feedback_updates_like_c3():
     assert [update.t for update in light_flight("gp_label_feedback").updates] == pytest.approx([1.0, 1.5])
-    assert light_flight("gp_label_feedback").records.innovation_L is not None
+    assert light_flight("gp_label_feedback").records.correction_L is not None
 
 
 @pytest.mark.long
 def test_label_feedback_is_logged_and_extrapolated():
     f = light_flight("label_feedback").records
-    np.testing.assert_allclose(f.correction_weight, 1.0)
+    np.testing.assert_allclose(f.correction_weight_L, 1.0)
     # the prediction is the label extrapolated along its rate
-    lead_time = float(experiment.make_experiment(light.settings(), "label_feedback").controller.predictor.lead_time)
-    rate = np.diff(f.innovation_L, axis=0) / float(f.t[1])
-    np.testing.assert_allclose(f.f_L_hat[1:], f.innovation_L[1:] + lead_time * rate, atol=1e-9)
+    lead_time = float(
+        experiment.make_experiment(light.settings(), "label_feedback").controller.residual_predictor.lead_time
+    )
+    rate = np.diff(f.correction_L, axis=0) / float(f.t[1])
+    np.testing.assert_allclose(f.f_L_hat[1:], f.correction_L[1:] + lead_time * rate, atol=1e-9)
 
 
 # Before the simulation ------------------------------------------------------------------------------------------------
@@ -147,7 +149,7 @@ def test_flights_of_the_study_stay_far_from_all_limits():
     for case in ("C1", "C2", "C3"):
         rows = paper.flight(case).records
         assert not paper.flight(case).termination_reason
-        assert rows.innovation_L is None  # these cases use labels in updates only
+        assert rows.correction_L is None  # these cases use labels in updates only
         assert np.linalg.norm(rows.e_p, axis=1).max() < limits.max_position_error_m / 4
         assert rows.Psi.max() < (1 - np.cos(np.deg2rad(limits.max_attitude_error_deg))) / 4
         assert rows.R[:, :, 2, 2].min() > np.cos(np.deg2rad(limits.max_tilt_deg / 2))

@@ -53,7 +53,9 @@ SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
 COMMAND = r"\.controller\.last_command\[\d+\]\..*"
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
 LABEL_FILTERS = r"\.estimator\.(agents\[\d+\]\.)?(label|inputs)\b"
-LABELS = rf"{LABEL_FILTERS}|\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench)\b"
+LABELS = (
+    rf"{LABEL_FILTERS}|\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench)\b"
+)
 
 
 @dataclasses.dataclass(frozen=True)
