@@ -242,7 +242,11 @@ def label_filter(settings: schema.Scenario) -> residual_correction.LabelFilter:
 
 
 ERROR_STD_FACTOR = 4.0
-"""Standard deviation of the error of a residual model relative to the prior of the residual."""
+"""Standard deviation of the error of a residual model relative to the prior of the residual.
+
+Chosen by replay of logged labels, on random conditions of seed 7119 and random environments of seed 77: factors from 4
+to 8 give equal errors within 5 %, and 2 reacts more slowly.
+"""
 
 
 def residual_kalman_filter(settings: schema.Scenario, team: Team) -> residual_correction.ResidualKalmanFilter:

@@ -137,6 +137,17 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     return {case: _case_experiment(case, c1, settings) for case in cases}
 
 
+def _identification_options(settings: Scenario, team: Team) -> online_learner.IdentificationOptions:
+    """Return the options of the identification of inertial parameters."""
+    tuning, noise = settings.baselines, settings.learning.payload.noise_std
+    prior = [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
+    return online_learner.IdentificationOptions(
+        label_std=np.array([noise.force_N] * 3 + [noise.moment_Nm] * 3),
+        prior_std=np.array(prior),
+        nominal_payload=team.payload,
+    )
+
+
 def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """Return the experiment of a case, from the experiment of case C1."""
     tuning, given = settings.baselines, settings.learning
@@ -177,27 +188,18 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
                 controller,
                 residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, tuning.ridge_alpha),
             )
-        case "label_feedback" | "gp_label_feedback" | "adaptive":
-            adaptive = case == "adaptive"
-            corrector = (
-                controllers.residual_kalman_filter(settings, controller.team)
-                if adaptive
-                else controllers.label_filter(settings)
-            )
+        case "label_feedback" | "gp_label_feedback":
+            corrector = controllers.label_filter(settings)
             controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
-    prior = np.array(
-        [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
-    )
-    noise = np.array([given.payload.noise_std.force_N] * 3 + [given.payload.noise_std.moment_Nm] * 3)
-    parameters = online_learner.IdentificationOptions(
-        label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
-    )
+        case "adaptive":
+            corrector = controllers.residual_kalman_filter(settings, controller.team)
+            controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
     experiment = dataclasses.replace(
         c1,
         controller=controller,
         update_times=given.update_times_s if learned else (),
         identification={
-            "parametric": parameters,
+            "parametric": _identification_options(settings, controller.team),
             "regression": online_learner.RidgeOptions(ridge=tuning.ridge_alpha),
         }.get(case),
     )

@@ -323,9 +323,9 @@ def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
 def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
     """Plot figure 7: position error, corrected payload force, corrections of agents, weight, and number of samples.
 
-    Of the payload force, the component with the largest labels is shown: label, model, and model with correction and its
-    95 % interval. The correction weight is that of the payload, averaged over force and moment. Spans in which it is below 0.5 are
-    shaded: labels are missing. Vertical lines mark change points and refits.
+    Of the payload force, the component with the largest labels is shown: label, model, and model with correction and
+    95 % interval. The correction weight is that of the payload, averaged over force and moment. Spans in which it is
+    below 0.5 are shaded: labels are missing. Vertical lines mark change points and refits.
 
     Args:
         cases: Logs of cases with online correction.
