@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import lfilter
 from sklearn.gaussian_process.kernels import Matern
 
@@ -197,6 +197,21 @@ def test_sparse_labels_raise_the_estimated_noise():
     on = rng.random(len(y)) < 0.1
     R, _ = noise_variances(kalman_filter(), filtered(kalman_filter(), y, on)[0])
     assert np.median(R[5000:]) > 2 * 0.04
+
+
+def test_steady_state_has_the_largest_corner_frequency():
+    """Without label noise, covariances solve the Riccati equation, and the poles have the frequency `max_bandwidth`."""
+    sigma, corrector = 1.5, kalman_filter(max_bandwidth=12.0)
+    start, dt = corrector.init(light_experiment().controller.team), jnp.array(DT)
+    found, R = corrector.steady_state(start, dt), float(corrector.min_noise_variance(dt)[0])
+    A, P_inf, H = transition(1.0), sigma**2 * np.eye(2), np.array([[1.0, 0.0]])
+    P = solve_discrete_are(A.T, H.T, P_inf - A @ P_inf @ A.T, np.array([[R]]))
+    K = P @ H.T / (P[0, 0] + R)
+    for x, expected in zip(found.P, (P - K @ H @ P)[[0, 0, 1], [0, 1, 1]], strict=True):
+        np.testing.assert_allclose(x, expected, rtol=1e-6)
+    poles = np.log(np.linalg.eigvals((np.eye(2) - K @ H) @ A).astype(complex)) / DT
+    np.testing.assert_allclose(np.abs(poles) / (2 * np.pi), 12.0, rtol=0.1)
+    assert not np.any(found.d)
 
 
 # Corrections of whole updates -----------------------------------------------------------------------------------------
