@@ -68,8 +68,8 @@ def noise(key: Key[Array, ""], kind: str) -> Float[Array, " points"]:
 def gather(key: Key[Array, ""], kind: str, inputs: str, norm: float) -> tuple[Array, Array, Array, Array]:
     """Return a function of norm B, as centers and coefficients, and data of it.
 
-    Adaptive inputs: where the last label lay above its prediction, a step nearby; else the most promising candidate,
-    `argmax mean + 2 deviation`.
+    An adaptive input is a small step from the last input if the last label exceeded its prediction. Otherwise it is the
+    candidate with the largest upper confidence bound, `argmax mean + 2 deviation`.
     """
     k_centres, k_coefficients, k_noise, k_inputs = jax.random.split(key, 4)
     Z = jax.random.uniform(k_centres, (CENTRES, DIMENSIONS), minval=-1.0, maxval=1.0)

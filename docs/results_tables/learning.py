@@ -270,7 +270,7 @@ def learning_curve() -> str:
         "position error [mm]",
         "return",
         "training seeds",
-        "flights lost",
+        "flights terminated early",
     )
     return markdown(header, rows)
 
@@ -285,7 +285,7 @@ def learning_target() -> str:
         sum(one["num_terminated"] for one in last),
     )
     rows = [
-        ("greatest final position error of PPO [mm]", worst, f"below {number(none)} (C1)", worst < none),
-        ("flights lost by the final policies", lost, "0", lost == 0),
+        ("largest final position error of PPO [mm]", worst, f"below {number(none)} (C1)", worst < none),
+        ("flights that end early under the final policies", lost, "0", lost == 0),
     ]
     return markdown(("target", "measured", "limit", "met"), rows)

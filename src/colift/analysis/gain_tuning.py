@@ -74,7 +74,7 @@ class LoopDesign:
         return math.ceil(DESIGN_DELAY * self.settings.control_Hz - 1e-9)
 
     def jacobians(self, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return a Jacobian M near this loop's without and with the design delay."""
+        """Return the Jacobian M of a similar loop, and that of the same loop with the design delay."""
         return M, stability.with_input_delay(self.equilibrium, M, self.delay_ticks)
 
     @property
@@ -235,21 +235,21 @@ class Objective(Protocol):
         ...
 
 
-C = TypeVar("C", bound=Objective)
-Slopes = tuple[np.ndarray, np.ndarray]
+DesignT = TypeVar("DesignT", bound=Objective)
+ValuesAndGradients = tuple[np.ndarray, np.ndarray]
 """Costs whose maximum is minimized, and their derivatives, one row each."""
 
 
 def minimize(
-    first: C,
-    evaluate: Callable[[np.ndarray], C | None],
-    gradients: Callable[[C], Slopes],
+    first: DesignT,
+    evaluate: Callable[[np.ndarray], DesignT | None],
+    gradients: Callable[[DesignT], ValuesAndGradients],
     start: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     is_damping: np.ndarray,
     max_evaluations: int,
-    progress: Callable[[C, int], None] = lambda _best, _used: None,
-) -> tuple[C, np.ndarray, int]:
+    progress: Callable[[DesignT, int], None] = lambda _best, _used: None,
+) -> tuple[DesignT, np.ndarray, int]:
     """Minimize the largest cost by sequential linear programs within a trust region.
 
     Each program finds the smallest t with `c_i + (d c_i / d s) s <= t` and `|s| <= region`. An improving step is
@@ -340,7 +340,7 @@ def _perturbed_scenarios(settings: Scenario) -> list[Scenario]:
     return [scale_gains(settings, DIFFERENCE_STEP * e, digits=15) for e in np.eye(len(tunable_gains(settings)))]
 
 
-def _mode_gradients(loop: LoopDesign) -> Slopes:
+def _mode_gradients(loop: LoopDesign) -> ValuesAndGradients:
     """Compute growth rates of the slowest modes and their gradients, by differences at the present equilibrium."""
     perturbed = [
         loop.jacobians(
@@ -349,14 +349,14 @@ def _mode_gradients(loop: LoopDesign) -> Slopes:
         for settings in _perturbed_scenarios(loop.settings)
     ]
     parts = [
-        decay_rates(M, [jacobians[k] for jacobians in perturbed], loop.experiment.dt)
+        growth_rates(M, [jacobians[k] for jacobians in perturbed], loop.experiment.dt)
         for k, M in enumerate(loop.jacobians(loop.step_jacobian))
     ]
     parts += [_mode_gradients(loop.with_learned_parameters)] if loop.with_learned_parameters else []
     return np.concatenate([rate for rate, _ in parts]), np.concatenate([slope for _, slope in parts])
 
 
-def _flight_gradients(cost: FlightCost) -> Slopes:
+def _flight_gradients(cost: FlightCost) -> ValuesAndGradients:
     """Compute the costs `e / -lambda_i` and their gradients; those of the error by simulations with the same noise.
 
     The gradient of the error is taken as zero for a flight that ends early.
@@ -380,7 +380,7 @@ def _flight_gradients(cost: FlightCost) -> Slopes:
     return costs, costs[:, None] * (error_gradient + slopes / -rates[:, None])
 
 
-def decay_rates(M: np.ndarray, perturbed: Sequence[np.ndarray], dt: float) -> Slopes:
+def growth_rates(M: np.ndarray, perturbed: Sequence[np.ndarray], dt: float) -> ValuesAndGradients:
     """Compute the growth rates `log |z| / dt` of the slowest eigenvalues and their derivatives.
 
     The derivative of an eigenvalue is `z' = w^H M' v / w^H v`, with right and left eigenvectors v and w.

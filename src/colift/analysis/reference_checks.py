@@ -231,9 +231,11 @@ def _acceleration(settings: Scenario, team: Team, motion: _Motion) -> Iterator[P
     most = _largest_acceleration(team, a)
     if alone[k]:
         sentence = f"requires an angular acceleration of {turn:.3g} rad/s² at {t:.3g} s{_leg(given, t)}"
-        sentence += ", more than the agents have thrust for"
+        sentence += ", which exceeds the thrust of the agents"
     else:
-        sentence = f"accelerates by {size:.3g} m/s² at {t:.3g} s{_leg(given, t)}; the team has {most:.3g} m/s²"
+        sentence = (
+            f"accelerates by {size:.3g} m/s² at {t:.3g} s{_leg(given, t)}; the limit of the team is {most:.3g} m/s²"
+        )
     yield sentence, _less_acceleration(given, motion, t, most, float(ratio[k]), bool(alone[k])), values
 
 
@@ -276,7 +278,7 @@ def _largest_acceleration(team: Team, direction: np.ndarray) -> float:
 def _less_acceleration(
     given: schema.Waypoints | schema.Sampled, motion: _Motion, t: float, most: float, ratio: float, turning: bool
 ) -> str:
-    """Return a change that reduces the acceleration to what the team has."""
+    """Return a change that reduces the acceleration to that of the team."""
     if isinstance(given, schema.Sampled):
         return _less_acceleration_of_table(given, motion, t, most, ratio, turning)
     times, p = np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses])
@@ -288,7 +290,7 @@ def _less_acceleration(
         choices = smoothing_spline.fit_samples(times, p, np.broadcast_to(np.eye(3), (len(p), 3, 3))).choices
         if choices[-1][1] < most:
             return (
-                f"kind: sampled with these poses as a table takes the start velocity along and needs "
+                f"kind: sampled with these poses as a table keeps the start velocity and needs "
                 f"{choices[-1][1]:.3g} m/s²"
             )
     for factor in np.geomspace(1.1, 100, TRIED_INTERVALS):

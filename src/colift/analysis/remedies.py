@@ -96,7 +96,7 @@ def margin_changes(
     loops: Mapping[str, stability.VariedLoop],
     budget: SearchBudget,
 ) -> dict[str, str]:
-    """Find the gain whose change stabilizes a loop with other commands most, to first order.
+    """Find the change of a single gain that stabilizes a loop with delayed or scaled commands most, to first order.
 
     Args:
         settings: Scenario.
@@ -302,9 +302,9 @@ def posture_changes(
 ) -> tuple[str, ...]:
     """Find changes with which the redundant joints converge faster.
 
-    Changes that yield at least half of the required rate come first. Otherwise those are returned that yield a higher
-    rate than at present. Tried are the posture bandwidth, the agents' attitude gains, and the nominal position of the
-    slowest joint.
+    The function evaluates changes of the posture bandwidth, of the agents' attitude gains, and of the nominal position
+    of the slowest joint. It returns changes that yield at least half of the required rate; if there are none, it
+    returns changes that increase the present rate.
 
     Args:
         settings: Scenario.

@@ -21,7 +21,7 @@ FIRST_ORDER = "first order"
 NOISE = "sensor noise"
 SAMPLED = "sampled estimator"
 SATURATION = "saturation"
-PERIODICITY = "less than a round"
+PERIODICITY = "less than a period"
 MEAN = "posterior mean"
 
 
@@ -59,7 +59,7 @@ def certificate_assumptions(experiment: flight.Experiment, may_saturate: bool, f
     )
 
 
-def radius_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
+def logged_bound_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
     """Return the assumptions of the logged error bounds `rho_bar` about the prediction `f_hat`.
 
     A bound concerns the posterior mean at the true state. The controller uses the mean at the estimated state. In some

@@ -134,7 +134,7 @@ def functional_bound(beta: Matrix, shift: Matrix, sigma: Matrix) -> Matrix:
         sigma: `sigma(l)`; see `band_bound`.
 
     Returns:
-        `(2, ...)`; infinite where beta is.
+        `(2, ...)`; infinite where beta is infinite.
     """
     width = np.where(np.isinf(beta), np.inf, beta * sigma)
     return np.stack([width + shift, width - shift])

@@ -1,6 +1,6 @@
 """Options, error handling and progress output that the commands share.
 
-Modules of the library are imported inside functions. Only the commands that use them pay for their import time.
+Modules of the library are imported inside functions, so that only the commands that use them import them.
 """
 
 from __future__ import annotations

@@ -246,7 +246,7 @@ def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.nda
 
 
 DERIVED_SIGNALS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")
-"""Signals that are computed from all others of a tick: not finite if any of those is not finite."""
+"""Signals that depend on all other signals of a tick, so that they are not finite if one of those is not."""
 
 
 def delassus_matrix(team: Team, r: np.ndarray, agent: int) -> np.ndarray:

@@ -468,7 +468,7 @@ def error_radius(
         beta: Factor of each output.
 
     Returns:
-        Radius of each output [unit of y]; infinite where beta is.
+        Radius of each output [unit of y]; infinite where beta is infinite.
     """
     check_point(gp.X, gp.Y, x)
     s, k = gp.hyper.signal_variance, _masked_kernel(gp, x)

@@ -215,8 +215,7 @@ def reduce_tree(
     Raises:
         ValueError: If a frozen joint is unknown, a coupling is invalid, or a body is not physically consistent.
     """
-    held = _held_positions(tree, mimic, nominal_positions, frozen)
-    found = skeleton(tree, held)
+    found = skeleton(tree, _frozen_positions(tree, mimic, nominal_positions, frozen))
     changes: list[str] = []
     bodies = tuple(_body(tree, names, found.placements, inertia, changes) for names in found.members)
     return Robot(file=tree.file, bodies=bodies, joints=found.joints, links=found.placements, changes=tuple(changes))
@@ -238,7 +237,7 @@ def _displaced(joint: LinkJoint, at: Placement, position: float) -> Placement:
 # Frozen and coupled joints --------------------------------------------------------------------------------------------
 
 
-def _held_positions(
+def _frozen_positions(
     tree: LinkTree, mimic: CoupledJoints | None, nominal_positions: Mapping[str, float], frozen: Collection[str]
 ) -> dict[str, float]:
     """Return the positions of frozen joints [rad, m], by name."""
@@ -248,9 +247,9 @@ def _held_positions(
             raise ValueError(
                 f"{tree.file}: frozen joint {name!r} is not a joint that moves; joints: {', '.join(sorted(known))}"
             )
-    held = set(frozen)
+    fixed = set(frozen)
     for joint in tree.moving:
-        if joint.coupling is None or joint.name in held:
+        if joint.coupling is None or joint.name in fixed:
             continue
         if mimic is None:
             raise ChoiceRequiredError(
@@ -263,13 +262,15 @@ def _held_positions(
                 },
             )
         if mimic == "frozen":
-            held.add(joint.name)
+            fixed.add(joint.name)
     return {
-        joint.name: held_position(tree, joint.name, nominal_positions) for joint in tree.moving if joint.name in held
+        joint.name: frozen_joint_position(tree, joint.name, nominal_positions)
+        for joint in tree.moving
+        if joint.name in fixed
     }
 
 
-def held_position(tree: LinkTree, name: str, nominal_positions: Mapping[str, float]) -> float:
+def frozen_joint_position(tree: LinkTree, name: str, nominal_positions: Mapping[str, float]) -> float:
     """Compute the position of a frozen joint: `multiplier position + offset` along a chain of coupled joints.
 
     Args:

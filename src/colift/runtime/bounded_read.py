@@ -92,13 +92,15 @@ def read_json(path: str | Path, limit: int = MAX_TEXT_BYTES) -> dict[str, Any]:
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
     except RecursionError:
-        raise ValueError(f"{path}: not JSON of colift (nested too deeply)") from None
+        raise ValueError(f"{path}: cannot be read: its JSON is nested too deeply") from None
     except UnicodeEncodeError:
-        raise ValueError(f"{path}: not JSON of colift (a text with a lone surrogate)") from None
+        raise ValueError(
+            f"{path}: cannot be read: a text contains a lone surrogate, which is not a character"
+        ) from None
     except ValueError as error:  # NaN, or a number of more than 4300 digits
         raise ValueError(f"{path}: not JSON ({error})") from None
     if not isinstance(value, dict):
-        raise ValueError(f"{path}: not JSON of colift (no object)")
+        raise ValueError(f"{path}: must contain a JSON object")
     return value
 
 

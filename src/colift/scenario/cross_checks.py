@@ -121,7 +121,7 @@ def _agents(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     yield from _repeated(agents, ("agents",))
     for i, agent in enumerate(agents):
         if _part(agent, "name") in ("payload", "agents"):
-            yield ("agents", i, "name"), f"{_part(agent, 'name')!r} has a meaning of its own"
+            yield ("agents", i, "name"), f"{_part(agent, 'name')!r} is a reserved name: must be another name"
         kind = _part(agent, "type")
         if isinstance(kind, str) and kinds and kind not in kinds:
             yield ("agents", i, "type"), unknown_name_message(kind, kinds, "one of agent_types")

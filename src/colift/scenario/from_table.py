@@ -41,8 +41,9 @@ Column = Annotated[str, Field(strict=True, max_length=200)]
 class SampledFromFile(Section):
     """Smoothing spline through a table of poses, such as a log or the output of a planner.
 
-    The start velocity is taken along. Before the first pose the reference starts from rest, and after the last one it
-    comes to rest. [Tables of poses](references.md#tables-of-poses) explains the options with examples.
+    If the table starts at t = 0, the reference starts with the velocity of the table; otherwise it starts from rest.
+    After the last pose it comes to rest. [Tables of poses](references.md#tables-of-poses) explains the options with
+    examples.
     """
 
     kind: Literal["sampled"]
@@ -60,7 +61,7 @@ class SampledFromFile(Section):
     separator: Literal["auto", "comma", "semicolon", "tab", "space"] = "auto"
     """Separator of the columns; by default the one of the first pose."""
     comment: Annotated[str, Field(strict=True, min_length=1, max_length=3)] = "#"
-    """Begin of a line that is a comment. The last comment before the first pose may be the header."""
+    """Start of a comment line. The last comment before the first pose may be the header."""
     frame: Literal["enu", "ned"] = "enu"
     """Axes: `enu` with z up; `ned` with z down and body axes forward, right, down, as PX4 writes them."""
     time_offset_s: fields.TimeOffset | None = None
@@ -277,9 +278,9 @@ def _column_errors(names: list[str], where: str, ignore: bool) -> Iterator[str]:
         if present:
             angles.append(present[0])
         if present and len(present) < len(group) and present[-1][:3] != "yaw":
-            yield f"{where}: {', '.join(group)} come together"
+            yield f"{where}: {', '.join(group)} must occur together"
         elif present and len(present) not in (1, len(group)):
-            yield f"{where}: {', '.join(group)} come together, or {group[-1]} alone"
+            yield f"{where}: {', '.join(group)} must occur together, or {group[-1]} alone"
     if len(angles) > 1:
         yield f"{where}: the attitude is stated twice, by {' and by '.join(angles)}"
     for i, name in enumerate(names):

@@ -101,7 +101,7 @@ def with_setting(tree: Tree, change: str) -> Tree:
     path, equals, text = change.partition("=")
     reader = _Reader(lambda _line: f"--set {path}")
     if not (equals and path):
-        raise ScenarioError(f"--set {format_value(change)}: must be `path=value`, as payload.mass_kg=2")
+        raise ScenarioError(f"--set {format_value(change)}: must be `path=value`, for example payload.mass_kg=2")
     if path.count(".") >= MAX_DEPTH:
         raise ScenarioError(f"--set {format_value(path)}: is nested more than {MAX_DEPTH} deep")
     node = reader.compose(text)

@@ -223,7 +223,7 @@ class CalibrationRig(SensorModel):
     ) -> tuple[Measurement, Any]:
         """Set `Measurement.rig`."""
         f = jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, self.label_error, noise)
-        return dataclasses.replace(measurement, rig=RigReading(z=truth.z, f=f)), state
+        return dataclasses.replace(measurement, rig=RigReading(state=truth.z, residual=f)), state
 
     def sample_noise(self, team: Team, key: Array, ticks: int) -> ResidualForces:
         """Draw the signs of the label errors, 1 or -1."""

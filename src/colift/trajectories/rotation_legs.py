@@ -77,14 +77,14 @@ def shortest_turns(R: np.ndarray) -> np.ndarray:
 def leg_polynomials(T: np.ndarray, delta: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Compute the rotation vectors of legs as polynomials of degree 7 of the relative time.
 
-    At the begin `phi' = omega`, `phi'' = omega_dot` and `phi''' = omega_ddot + omega x omega_dot / 2`. At the end the
+    At the start `phi' = omega`, `phi'' = omega_dot` and `phi''' = omega_ddot + omega x omega_dot / 2`. At the end the
     derivatives follow from `phi' = K(phi) omega` with the inverse right Jacobian
     `K = I + hat(phi) / 2 + c(|phi|^2) hat(phi)^2`.
 
     Args:
         T: Durations of the legs [s].
         delta: Rotation vectors of the legs [rad].
-        start: Angular velocity and its derivatives at the begin of each leg, `(legs, 3, 3)`; the second derivative may
+        start: Angular velocity and its derivatives at the start of each leg, `(legs, 3, 3)`; the second derivative may
             be omitted if it is zero, `(legs, 2, 3)`.
         end: The same at the end.
 

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from colift.analysis import conclusions
 from colift.certification.assumptions import status_label
 from colift.certification.certificate import Certificate
 from colift.visualization import style
@@ -69,7 +70,7 @@ def _fill_certificate(
     if above := ", ".join(dict.fromkeys(ERROR_SYMBOLS[each.error] for each in certificate.violations)):
         first.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
     if best.assumptions:
-        figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumptions)}", title), fontsize=8)
+        figure.suptitle(textwrap.fill(f"assumed: {conclusions.list_assumptions(best.assumptions)}", title), fontsize=8)
 
 
 ERROR_SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}

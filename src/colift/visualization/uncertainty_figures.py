@@ -17,6 +17,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import uniform_filter1d
 
+from colift.analysis import conclusions
 from colift.closed_loop import log
 from colift.visualization import axes, style
 
@@ -119,7 +120,7 @@ def plot_error_radius(cases: axes.Cases, descriptions: Mapping[str, str]) -> Fig
     ]
     figure = _plot_by_body(cases, descriptions, plot_panel, handles, lambda: _marker_legend(used_markers))
     attrs = next(iter(cases.values())).attrs
-    assumptions = str(attrs["bound_assumptions"]).replace("rkhs", "RKHS")
+    assumptions = conclusions.list_assumptions([str(attrs["bound_assumptions"])])
     status = f"assumed: {assumptions}" if assumptions else "all assumptions met"
     figure.suptitle(
         f"{attrs['rho_bound'].replace('_', ' ')} bound, confidence {attrs['rho_confidence']:g}; {status}",

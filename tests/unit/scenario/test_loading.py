@@ -181,7 +181,7 @@ WRONG = [  # original text, replacement, line of the error
     ("name: tether,", "name: tether, body: waist,", "disturbances[1].body: must be omitted"),
     ("name: tether,", "name: load_wind,", "disturbances[1].name: 'load_wind' is used twice"),
     ("name: rear,", "name: front,", "agents[1].name: 'front' is used twice"),
-    ("name: rear,", "name: payload,", "agents[1].name: 'payload' has a meaning of its own"),
+    ("name: rear,", "name: payload,", "agents[1].name: 'payload' is a reserved name"),
     ("name: rear, type: two_arms", "name: rear, type: two_arm", "agents[1].type: 'two_arm' is not one of agent_types"),
     ("[[-0.5, 0.36, 0.05], ", "[", "agents[1].contact_positions_m [m]: must hold one contact for each of the 2 arms"),
     (
@@ -363,7 +363,7 @@ def test_override_replaces_an_invalid_value():
         ("payloda.mass_kg=2", "--set payloda: is not a setting here; did you mean 'payload'?"),
         ("payload={mass_kg: 2}", "--set payload.inertia_kgm2 [kg m²]: is required"),
         ("payload=[2", "--set payload: not valid YAML"),
-        ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
+        ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, for example payload.mass_kg=2"),
         ("=2", "--set '=2': must be `path=value`"),
         ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got '2'"),
         (
