@@ -130,7 +130,10 @@ def judge(p: gp.GPPosterior, Z: Array, a: Array, norm: float, R: float) -> dict[
 
 
 def recovered(key: Key[Array, ""], Z: Array, a: Array, X: np.ndarray, y: np.ndarray, norm: float) -> tuple:
-    """Like `judge` for optimal recovery at some inputs; it fails if the true value is outside its interval."""
+    """Evaluate optimal recovery at some inputs, as `judge` evaluates the other bounds.
+
+    The bound fails if the true value is outside its interval.
+    """
     inputs = jax.random.uniform(key, (RECOVERED_AT, DIMENSIONS), minval=-1.0, maxval=1.0)
     p = gp.condition(X, y[:, None], HYPER)
     worst, ratios = 0.0, []

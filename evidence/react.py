@@ -1,10 +1,10 @@
 """Flights with changes of the environment and sensor failures: C3, `label_feedback`, `adaptive` and `true_residual`.
 
-Each sample draws a seed, a rotation of the wind, a mass step of the payload, a path that leaves the data, true and
-nominal actuator lag, label dropout and noise. All cases have preview and the same nominal lag. Case `label_feedback` is
-simulated with its default lead time, and with the best one in nominal conditions (`evidence baselines`). Errors are
-those after the changes. For samples with label dropout, `gp_label_feedback` is simulated with constant and with
-decaying correction. C1 is simulated if `adaptive` does not complete the flight.
+Each sample draws a seed, a rotation of the wind, a mass step of the payload, a path outside of the training data, true
+and nominal actuator lag, label dropout and noise. All cases have preview and the same nominal lag. Case
+`label_feedback` is simulated with its default lead time, and with the best one in nominal conditions (`evidence
+baselines`). Errors are those after the changes. For samples with label dropout, `gp_label_feedback` is simulated with
+constant and with decaying correction. C1 is simulated if `adaptive` does not complete the flight.
 """
 
 from __future__ import annotations

@@ -193,7 +193,7 @@ def _by_type(settings: Scenario, axes: Sequence[BoundAxis]) -> list[_TypeAxis]:
 
 
 def _label(direction: np.ndarray) -> str:
-    """Return the name of a base axis, or the angle from x of another direction."""
+    """Return the name of a direction: that of a base axis, or the angle from the x axis."""
     for name, unit in zip("xy", np.eye(3), strict=False):
         if abs(direction @ unit) > 0.999:
             return name

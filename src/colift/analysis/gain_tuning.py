@@ -261,7 +261,7 @@ def minimize(
         first: Design at the start.
         evaluate: Function that returns the design at given parameters; None if it does not exist there.
         gradients: Function that returns costs and gradients of a design.
-        start: Parameters of the start.
+        start: Initial parameters.
         bounds: Lower and upper bounds of the parameters.
         is_damping: Mask of the damping parameters.
         max_evaluations: Largest number of evaluations.

@@ -1,4 +1,4 @@
-"""Benefit of learning: label errors compared with what is to be learned, and errors with and without learning.
+"""Benefit of learning: label errors compared with the residual forces, and errors with and without learning.
 
 A label is the sum of filtered sensor readings. A constant bias of the tip force sensors is learned like a disturbance;
 noise limits the accuracy. If bias or noise exceed the residual forces, learning increases the errors.
@@ -90,7 +90,7 @@ def label_quality(
 
 
 def describe_exceeded(found: Sequence[LabelQuality]) -> str:
-    """Describe the bodies whose label errors exceed what is to be learned.
+    """Describe the bodies whose label errors exceed the residual forces.
 
     Args:
         found: Label quality by body.

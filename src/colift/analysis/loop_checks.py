@@ -195,7 +195,7 @@ def is_redundant(settings: Scenario) -> bool:
 def check_posture(
     settings: Scenario, modes: stability.Modes, progress: Callable[[str], None], search: remedies.SearchBudget | None
 ) -> Iterator[Finding]:
-    """Check the convergence rate of the redundant joints; it is weak below half of the required rate.
+    """Check the convergence rate of the redundant joints; the finding is weak below half of the required rate.
 
     Args:
         settings: Scenario.
@@ -304,7 +304,7 @@ def check_margins(
 def check_disturbances(
     settings: Scenario, case_experiment: flight.Experiment, state: State, loop: LoopAnalysis
 ) -> Finding:
-    """Report how far the disturbances move the payload at rest; it is weak beyond the termination limits.
+    """Report how far the disturbances move the payload at rest; the finding is weak beyond the termination limits.
 
     Args:
         settings: Scenario.

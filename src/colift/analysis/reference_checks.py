@@ -22,10 +22,10 @@ from colift.scenario import Scenario, schema, trajectories
 from colift.trajectories import base, minimum_snap, smoothing_spline
 
 MAX_OVERSHOOT = 0.2  # of the side of the box of the poses
-LEAST_OVERSHOOT = 0.01  # m
+MIN_OVERSHOOT = 0.01  # m
 SAMPLES = 4000  # times on the reference
 SAMPLES_PER_LEG = 33
-DENSE_TABLE = 20  # poses from which `kind: sampled` is proposed
+MIN_TABLE_POSES = 20  # poses from which `kind: sampled` is proposed
 MAX_SHOWN_LEGS = 6
 TRIED_INTERVALS = 25
 
@@ -151,7 +151,7 @@ def _overshoot(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Prob
     inside = motion.t <= given.end_s if isinstance(given, schema.Sampled) else np.ones(len(motion.t), bool)
     path = np.asarray(motion.d.p)[inside]
     beyond = np.maximum(low - path, path - high)
-    over = beyond / np.maximum(high - low, LEAST_OVERSHOOT / MAX_OVERSHOOT)
+    over = beyond / np.maximum(high - low, MIN_OVERSHOOT / MAX_OVERSHOOT)
     k, axis = np.unravel_index(np.argmax(np.where(over > MAX_OVERSHOOT, beyond, 0)), beyond.shape)
     if over[k, axis] <= MAX_OVERSHOOT:
         return
@@ -186,7 +186,7 @@ def _less_overshoot(given: schema.Waypoints | schema.Sampled, t: float, most: fl
 def _excess(p: np.ndarray, path: np.ndarray) -> float:
     """Return the largest overshoot of a path relative to the side of the box of the points."""
     side, low, high = np.ptp(p, axis=0), p.min(0), p.max(0)
-    return float((np.maximum(low - path, path - high) / np.maximum(side, LEAST_OVERSHOOT / MAX_OVERSHOOT)).max())
+    return float((np.maximum(low - path, path - high) / np.maximum(side, MIN_OVERSHOOT / MAX_OVERSHOOT)).max())
 
 
 def _snap_path(times: np.ndarray, p: np.ndarray, order: int) -> np.ndarray:
@@ -286,7 +286,7 @@ def _less_acceleration(
     k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(T) - 1))
     if turning:
         return f"give leg {k + 1} {_rounded_up(T[k] * np.sqrt(ratio))} s or more (reference.poses: time_s)"
-    if len(times) >= DENSE_TABLE:
+    if len(times) >= MIN_TABLE_POSES:
         choices = smoothing_spline.fit_samples(times, p, np.broadcast_to(np.eye(3), (len(p), 3, 3))).choices
         if choices[-1][1] < most:
             return (

@@ -4,7 +4,7 @@ Keys are standard terms and end with the unit of the value, where it has one. `l
 rename the keys of schema 1, so that all readers use the present names.
 
 See Also:
-    colift.closed_loop.log: the same for logs of flights.
+    colift.closed_loop.log: reading of the logs of flights.
 """
 
 from __future__ import annotations

@@ -273,8 +273,8 @@ Values = dict[str, float | str]
 class BestGains:
     """Scenario file of `tune`, which contains the best gains of the search so far.
 
-    Each improvement replaces the file atomically. A request to end writes the last improvement, or the initial gains;
-    so does a forced termination, which calls `save_if_interrupted` in another thread.
+    Each improvement replaces the file atomically. A request to end writes the last improvement, or the initial gains. A
+    forced termination writes them by `save_if_interrupted` in another thread.
     """
 
     def __init__(self, settings: Scenario, written: str | None, out: Path) -> None:

@@ -143,20 +143,24 @@ UNCERTAINTY_SIGNALS = {
         "none",
         "posterior standard deviation of the payload residual, norm over forces and moments; moments divided by 1 m",
     ),
-    "sigma_L_force": SignalSpec((), "N", "none", "sigma_L with the force only"),
-    "sigma_L_moment": SignalSpec((), "N m", "none", "sigma_L with the moment only"),
+    "sigma_L_force": SignalSpec((), "N", "none", "posterior standard deviation of the payload residual force, norm"),
+    "sigma_L_moment": SignalSpec(
+        (), "N m", "none", "posterior standard deviation of the payload residual moment, norm"
+    ),
     "sigma_A": SignalSpec(
         (),
         "N",
         "none",
         "posterior standard deviation of the residuals, norm over all outputs, sum over agents; moments divided by 1 m",
     ),
-    "sigma_A_force": SignalSpec((), "N", "none", "sigma_A with the forces on the agents only"),
+    "sigma_A_force": SignalSpec(
+        (), "N", "none", "posterior standard deviation of the residual forces on the agents, norm, sum over agents"
+    ),
     "sigma_A_moment": SignalSpec(
         (),
         "N m",
         "none",
-        "sigma_A with the moments on the agents and the joint torques only; forces of prismatic joints times 1 m",
+        "posterior standard deviation of moments and joint torques, norm, sum over agents; prismatic joints times 1 m",
     ),
     **_wrench("label_bias_std_f_L", NEWTON, "standard deviation of the bias of the payload labels, from data sheets"),
     "label_bias_std_f_x": SignalSpec(
@@ -192,20 +196,20 @@ UNCERTAINTY_SIGNALS = {
         "none",
         "error bound of the predicted payload residual, norm over forces and moments; moments divided by 1 m",
     ),
-    "rho_bar_L_force": SignalSpec((), "N", "none", "rho_bar_L with the force only"),
-    "rho_bar_L_moment": SignalSpec((), "N m", "none", "rho_bar_L with the moment only"),
+    "rho_bar_L_force": SignalSpec((), "N", "none", "error bound of the predicted payload residual force, norm"),
+    "rho_bar_L_moment": SignalSpec((), "N m", "none", "error bound of the predicted payload residual moment, norm"),
     "rho_bar_j": SignalSpec(
         AGENT,
         "N",
         "none",
         "error bound of the predicted residual of an agent, norm over all outputs; moments divided by 1 m",
     ),
-    "rho_bar_j_force": SignalSpec(AGENT, "N", "none", "rho_bar_j with the force only"),
+    "rho_bar_j_force": SignalSpec(AGENT, "N", "none", "error bound of the predicted residual force on an agent, norm"),
     "rho_bar_j_moment": SignalSpec(
         AGENT,
         "N m",
         "none",
-        "rho_bar_j with the moment and the joint torques only; forces of prismatic joints times 1 m",
+        "error bound of the predicted moment and joint torques of an agent, norm; prismatic joints times 1 m",
     ),
 }
 """Variables on the coarser axis `time_sigma`: posterior, label bias, predictive standard deviation and error bounds.

@@ -104,8 +104,8 @@ class LinkTree:
         root: Name of the root link.
         links: Links by name.
         joints: Joints by name.
-        rotor_drives: Joints that the file names as drives of rotors.
-        servo_drives: Joints that the file names as driven, but not as drives of rotors.
+        rotor_drives: Joints that the file declares as drives of rotors.
+        servo_drives: Joints that the file declares as driven, but not as drives of rotors.
         damped: Joints with damping or friction, which are not part of the model.
     """
 

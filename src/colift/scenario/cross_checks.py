@@ -253,7 +253,10 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield location, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
     duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_time_s")
     if _named(data, "random_residual") and _part(data, "reference", "kind") == "plugin":
-        yield ("random_residual",), "must be omitted: its centers lie along a built-in reference"
+        yield (
+            ("random_residual",),
+            "must be omitted with a user-defined reference: its centers lie along a built-in one",
+        )
     if _named(data, "random_residual") and ramp >= duration:
         yield (
             ("reference", "ramp_time_s"),

@@ -123,7 +123,7 @@ class _Fit:
         return float(np.sqrt((self.residual**2).mean()))
 
     def follows_rows(self, largest: float, limit: float) -> bool:
-        """Return whether no row is far away, or the deviation is that of noise."""
+        """Return whether all rows are close to the path, or their deviations have the distribution of noise."""
         far = float(self.residual.max())
         return far <= largest or (self.deviation <= limit and far <= MAX_TO_RMS * self.deviation)
 
