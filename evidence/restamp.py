@@ -1,7 +1,7 @@
 """`./dev evidence restamp [NAME ...]`: verify by one recomputed item that a result still follows from the code.
 
-For each result that is older than its code, one stored item is computed again by the proof's own item function, in a
-process of its own, and compared with what is stored under today's names (`evidence/renamed.json`):
+For each result that is older than its code, one stored item is computed again by the item function of its evidence
+module, in a process of its own, and compared with what is stored under today's names (`evidence/renamed.json`):
 
 - equal: the result is stamped with today's files and commit; its items are stored under today's names;
 - different: the result stays stale, and the first difference is recorded and printed;

@@ -260,7 +260,8 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     if _named(data, "random_residual") and ramp >= duration:
         yield (
             ("reference", "ramp_time_s"),
-            f"must be less than duration_s = {duration:g}: the centers of `random_residual` lie beyond, got {ramp:g}",
+            f"must be less than duration_s = {duration:g}: the centers of `random_residual` lie "
+            f"after the ramp, got {ramp:g}",
         )
 
 

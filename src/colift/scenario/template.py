@@ -216,7 +216,7 @@ def _control(by: Scale, limited: TranslationGains | None) -> str:
     K_p, K_v, agent_k_R = (f"{x:.3g}" for x in (5 * by.gain, 4.2 * by.rate, 250 * by.gain))
     if limited is not None:
         K_p, K_v = f"[{limited.K_p:g}, {limited.K_p:g}, {K_p}]", f"[{limited.K_v:g}, {limited.K_v:g}, {K_v}]"
-        K_v += "  # horizontal gains and agent_k_R are limited by bound tips (docs/own_team.md)"
+        K_v += "  # horizontal gains and agent_k_R are limited by a right half-plane zero (docs/own_team.md)"
         agent_k_R = f"{limited.agent_k_R:g}"
     return f"""\
 control:  # slow mode: change K_p, K_v; unstable fast mode: reduce agent_k_omega, K_v

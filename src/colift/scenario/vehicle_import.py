@@ -153,8 +153,8 @@ def _generated(
     if limits.exceeded(settings.control):
         text = scenario_text(name, template, agents, limits.advise(settings.control))
         notes += (
-            f"bound tips limit the horizontal motion, with a zero at {limits.zero:.3g} rad/s: lower horizontal gains "
-            "and a lower agent_k_R",
+            f"agents rotate to apply horizontal forces, so translation has a right half-plane zero at "
+            f"{limits.zero:.3g} rad/s: lower horizontal gains and a lower agent_k_R",
         )
     return GeneratedScenario(text=text, agents=agents, notes=notes)
 
