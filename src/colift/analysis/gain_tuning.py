@@ -91,7 +91,7 @@ class LoopDesign:
 class FlightCost:
     """Stable loop with its displacement of the contacts in simulation."""
 
-    loop: LoopDesign
+    loop: LoopDesign  # loop of the simulated flight
     error: float  # m, RMS displacement of the contacts
 
     @property
@@ -103,8 +103,8 @@ class FlightCost:
 class EvaluationBudget(NamedTuple):
     """Number of linearizations and of simulated flights."""
 
-    linearizations: int
-    simulations: int
+    linearizations: int  # number of linearizations
+    simulations: int  # number of simulated flights
 
 
 def linearize_scenario(settings: Scenario) -> LoopDesign:

@@ -37,10 +37,10 @@ TURN_DIRECTIONS = ("roll", "pitch", "yaw")
 class LoopAnalysis:
     """Linearized loop of one case at equilibrium."""
 
-    x: stability.LoopStateTree
-    M: np.ndarray
+    equilibrium: stability.LoopStateTree  # loop states by path
+    step_jacobian: np.ndarray  # of one tick at the equilibrium
     dt: float  # s, control period
-    modes: stability.Modes
+    modes: stability.Modes  # at the equilibrium
     margins: stability.Margins | None  # None if the loop is unstable or the margins are not known
     unknown_margins: str = ""  # reason for which the margins of a stable loop are not known
 
@@ -129,7 +129,9 @@ def check_mode(
             remedies.MIN_DECAY_RATE, 1 / (MAX_TIME_SHARE * settings.duration_s)
         )
         k = 0 if slow else least_damped_payload_mode(modes)
-        advice = remedies.stabilizing_changes(settings, loop.x, loop.M, progress, search, *((k,) if k else ()))
+        advice = remedies.stabilizing_changes(
+            settings, loop.equilibrium, loop.step_jacobian, progress, search, *((k,) if k else ())
+        )
     values = {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)}
     if (k := least_damped_payload_mode(modes)) is not None:
         values["smallest_payload_damping"] = float(damping_ratios(modes)[k])
@@ -278,12 +280,16 @@ def check_margins(
     limits = {}
     if MIN_DELAY_MARGIN <= delay < WEAK_DELAY_MARGIN:
         ticks = round(WEAK_DELAY_MARGIN / loop.dt)
-        limits[f"a delay of {WEAK_DELAY_MARGIN:g} s"] = stability.vary_loop(loop.x, loop.M, loop.dt, ticks=ticks)
+        limits[f"a delay of {WEAK_DELAY_MARGIN:g} s"] = stability.vary_loop(
+            loop.equilibrium, loop.step_jacobian, loop.dt, ticks=ticks
+        )
     outside = smallest > WEAK_GAIN_MARGIN[0], largest < WEAK_GAIN_MARGIN[1]
     for gain, weak in zip(WEAK_GAIN_MARGIN, outside, strict=True):
         if weak:
-            limits[f"{gain:g} times the commands"] = stability.vary_loop(loop.x, loop.M, loop.dt, gain)
-    found = remedies.margin_changes(settings, loop.x, limits, search) if search and limits else {}
+            limits[f"{gain:g} times the commands"] = stability.vary_loop(
+                loop.equilibrium, loop.step_jacobian, loop.dt, gain
+            )
+    found = remedies.margin_changes(settings, loop.equilibrium, limits, search) if search and limits else {}
     advice, level = tuple(text for name, text in found.items() if "delay" in name), Level.passed
     if delay < MIN_DELAY_MARGIN:
         level = Level.failed
@@ -315,7 +321,7 @@ def check_disturbances(
     Returns:
         The finding.
     """
-    p, theta = stability.rest_displacement(case_experiment, state, loop.x, loop.M)
+    p, theta = stability.rest_displacement(case_experiment, state, loop.equilibrium, loop.step_jacobian)
     distance, degrees = float(np.linalg.norm(p)), np.degrees(theta)
     largest = int(np.argmax(np.abs(degrees)))
     limits = settings.termination

@@ -66,7 +66,7 @@ class Modes:
     payload: np.ndarray  # (modes, 6) amplitudes of the payload's (theta, p)
     attitude: np.ndarray  # (modes, agents, 3) amplitudes of the agents' rotation vectors, body frame
     joints: np.ndarray  # (modes, joints) amplitudes of the joints, in team order
-    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")
+    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")  # of the amplitudes in `payload`
 
     @property
     def stable(self) -> bool:
@@ -405,7 +405,7 @@ def directional_derivative(experiment: flight.Experiment, state: State, x: LoopS
 class VariedLoop:
     """Fastest growing mode of a loop with a common gain of all commands, or with delayed commands."""
 
-    gain: float
+    gain: float  # common gain of all commands
     ticks: int  # delay
     growth: float  # 1/s
     dt: float  # s, control period

@@ -17,10 +17,10 @@ import xarray as xr
 class SignalSpec(NamedTuple):
     """Metadata of a logged variable; `dims` follow the time dimension."""
 
-    dims: tuple[str, ...]
-    units: str
-    frame: str
-    long_name: str
+    dims: tuple[str, ...]  # dimensions after the time
+    units: str  # as parsed by `pint`; 1 if dimensionless
+    frame: str  # reference frame of the components
+    long_name: str  # meaning
 
 
 AXES = ("x", "y", "z")

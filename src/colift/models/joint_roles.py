@@ -49,7 +49,7 @@ MASS_TOLERANCE = 0.01  # relative difference of alike rotors
 class TipProposal:
     """Point that can hold a payload, in the frame of a link."""
 
-    link: str
+    link: str  # name of the link
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
 
 

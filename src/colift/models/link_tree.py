@@ -59,7 +59,7 @@ class ChoiceRequiredError(ValueError):
 class Link:
     """Link of a file; `inertial` is in the frame of the link."""
 
-    name: str
+    name: str  # name in the file
     location: str  # location for messages
     inertial: Body | None
 
@@ -69,7 +69,7 @@ class Coupling:
     """Position of a coupled joint: `multiplier position + offset`, with the position of another joint."""
 
     joint: str  # the joint that is followed
-    multiplier: float
+    multiplier: float  # factor on the position of the other joint
     offset: float  # rad or m
     location: str  # location for messages
 
@@ -78,15 +78,15 @@ class Coupling:
 class LinkJoint:
     """Joint of a file; its frame at position zero is the frame of the child link."""
 
-    name: str
+    name: str  # name in the file
     kind: str  # FIXED, REVOLUTE, CONTINUOUS or PRISMATIC
     parent: str  # name of the link
     child: str  # name of the link
     rotation: np.ndarray  # joint frame at position zero to parent frame
     position: np.ndarray  # m, joint origin in the parent frame
     axis: np.ndarray  # unit vector, joint frame
-    limits: JointLimits
-    coupling: Coupling | None
+    limits: JointLimits  # limits stated in the file
+    coupling: Coupling | None  # None for an independent joint
     location: str  # location for messages
 
     @property

@@ -230,8 +230,8 @@ def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> f
 class TrueResidualFunction:
     """Residuals of a world as a function of state and time; its disturbances have no internal state."""
 
-    world: SimulatedWorld
-    nominal: Team
+    world: SimulatedWorld  # simulated world
+    nominal: Team  # nominal parameters of the controller
 
     def __call__(self, state: State, acceleration_cmd: AccelerationCommand, t: Scalar) -> ResidualForces:
         """Return the residuals of the nominal equations.

@@ -17,8 +17,8 @@ from pydantic_core import CoreSchema
 class SchemaNote:
     """Entry of the JSON schema of a setting: its unit, or the reason for its range."""
 
-    key: str
-    text: str
+    key: str  # name of the entry
+    text: str  # its value
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         return {**handler(core), self.key: self.text}

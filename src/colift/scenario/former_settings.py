@@ -82,7 +82,7 @@ PAIRS = {
 The default of the second was the value of the first.
 """
 
-RIG_ERROR = 0.1
+FORMER_RIG_LABEL_ERROR = 0.1
 """Former default of `learning.rig_label_error`, which had an effect with label source `calibration_rig` only."""
 
 
@@ -202,7 +202,7 @@ def _join_rig_settings(data: MutableMapping[str, Any], extends: bool) -> None:
     section, name = _holder(data, "learning.label_source")
     source, comment = section.pop(name, None), _pop_comment(section, name)
     if source == "calibration_rig":
-        section.setdefault("rig_label_error", RIG_ERROR)
+        section.setdefault("rig_label_error", FORMER_RIG_LABEL_ERROR)
     elif source is not None and extends:
         section["rig_label_error"] = None
     elif not extends:

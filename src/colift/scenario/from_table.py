@@ -25,7 +25,7 @@ TIMES = {"time_s": 1, "time_ms": 1_000, "time_us": 1_000_000, "time_ns": 1_000_0
 POSITION = ("x_m", "y_m", "z_m")
 QUATERNION = ("qw", "qx", "qy", "qz")
 ANGLES_DEG, ANGLES_RAD = ("roll_deg", "pitch_deg", "yaw_deg"), ("roll_rad", "pitch_rad", "yaw_rad")
-KNOWN = (*TIMES, *POSITION, *QUATERNION, *ANGLES_DEG, *ANGLES_RAD)
+KNOWN_COLUMNS = (*TIMES, *POSITION, *QUATERNION, *ANGLES_DEG, *ANGLES_RAD)
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
 MAX_ROWS = 500_000
 MAX_LINES_OF_ERRORS = 20
@@ -250,7 +250,7 @@ def _columns(
         if header is not None and section.columns is None:
             errors.append(f"reference.columns can name the columns {', '.join(header[1])[:200]} otherwise")
         raise _TableError("\n".join(errors))
-    return {name: names.index(name) for name in names if name in KNOWN}, width
+    return {name: names.index(name) for name in names if name in KNOWN_COLUMNS}, width
 
 
 def _renamed(columns: dict[str, str], line: int, header: list[str]) -> list[str]:
@@ -272,7 +272,7 @@ def _column_errors(names: list[str], where: str, ignore: bool) -> Iterator[str]:
         yield f"{where}: one column of time is required ({', '.join(TIMES)}), got {found}"
     for name in POSITION:
         if name not in names:
-            yield f"{where}: column {name} is required{suggestion(name, [n for n in names if n not in KNOWN])}"
+            yield f"{where}: column {name} is required{suggestion(name, [n for n in names if n not in KNOWN_COLUMNS])}"
     for group in (QUATERNION, ANGLES_DEG, ANGLES_RAD):
         present = [name for name in group if name in names]
         if present:
@@ -284,10 +284,10 @@ def _column_errors(names: list[str], where: str, ignore: bool) -> Iterator[str]:
     if len(angles) > 1:
         yield f"{where}: the attitude is stated twice, by {' and by '.join(angles)}"
     for i, name in enumerate(names):
-        if name in names[:i] and name in KNOWN:
+        if name in names[:i] and name in KNOWN_COLUMNS:
             yield f"{where}: column {name} stands twice"
-        elif name not in KNOWN and name and not ignore:
-            hint = suggestion(name, KNOWN)
+        elif name not in KNOWN_COLUMNS and name and not ignore:
+            hint = suggestion(name, KNOWN_COLUMNS)
             yield f"{where}: column {format_value(name)} is not known{hint}; extra_columns: ignore skips it"
 
 

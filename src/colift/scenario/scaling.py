@@ -37,8 +37,8 @@ REFERENCE_CONTROL_RATE = 500.0  # Hz
 class Scale:
     """Ratios of a vehicle to the reference vehicle."""
 
-    length: float = 1.0
-    mass: float = 1.0
+    length: float = 1.0  # ratio L of the radii of gyration
+    mass: float = 1.0  # ratio M of the masses
 
     @property
     def time(self) -> float:

@@ -20,11 +20,11 @@ MAX_AGENTS = 100
 class VehicleTemplate:
     """Agent type of a new scenario."""
 
-    name: str
-    text: str
+    name: str  # name of the agent type
+    text: str  # YAML text of the agent type
     mass: float  # kg
     contact_offset: tuple[tuple[float, float, float], ...]  # m, tips: outward, left of it, above their mean height
-    scale: Scale = REFERENCE
+    scale: Scale = REFERENCE  # ratios to the reference vehicle
     heading_deg: float = 0.0  # of the agents, relative to the outward direction
 
 

@@ -43,20 +43,20 @@ class VehicleOptions:
 
     frozen: tuple[str, ...] | None = None  # joints to fix; None: as `joint_roles.classify` proposes
     tips: tuple[str, ...] = ()  # links that hold the payload; empty: as proposed
-    mimic: CoupledJoints | None = None
-    inertia: InertiaRule = "strict"
+    mimic: CoupledJoints | None = None  # treatment of joints that follow another one
+    inertia: InertiaRule = "strict"  # treatment of inertias that violate the triangle inequality
 
 
-PROPOSED = VehicleOptions()
+DEFAULT_OPTIONS = VehicleOptions()
 
 
 @dataclasses.dataclass(frozen=True)
 class GeneratedScenario:
     """Text of a scenario, the number of its agents, and one sentence per decision that the text contains."""
 
-    text: str
-    agents: int
-    notes: tuple[str, ...]
+    text: str  # YAML text of the scenario
+    agents: int  # number of agents
+    notes: tuple[str, ...]  # one sentence per decision
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +73,7 @@ class _Vehicle:
 
 
 def from_urdf_file(
-    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = PROPOSED
+    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = DEFAULT_OPTIONS
 ) -> GeneratedScenario:
     """Generate a scenario with agents from a URDF file.
 
@@ -97,7 +97,7 @@ def from_urdf_file(
 
 
 def from_mjcf_file(
-    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = PROPOSED
+    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = DEFAULT_OPTIONS
 ) -> GeneratedScenario:
     """Generate a scenario with agents from an MJCF file, in plain numbers.
 

@@ -31,10 +31,10 @@ TAG = "tag:yaml.org,2002:"
 class Tree:
     """Plain data, the line of every location (0 for an override), and the errors of its form."""
 
-    file: str
-    data: dict[str, Any]
-    lines: dict[Location, int]
-    errors: list[ErrorMessage]
+    file: str  # name of the file, for messages
+    data: dict[str, Any]  # plain data
+    lines: dict[Location, int]  # line of every location; 0 for an override
+    errors: list[ErrorMessage]  # errors of the form of the text
 
     def line(self, location: Location) -> int:
         """Return the line of a setting, or of the section without it; 0 for an override."""

@@ -83,7 +83,7 @@ class PoseSpline:
     """
 
     position: PiecewisePolynomial  # m, world
-    attitude: RotationLegs
+    attitude: RotationLegs  # payload to world
 
     def evaluate(self, t: Scalar) -> PayloadSetpoint:
         """Compute the setpoint at time t [s]; see `ReferenceTrajectory`."""
