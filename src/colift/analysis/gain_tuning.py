@@ -30,6 +30,7 @@ from colift.scenario import to_yaml as every_setting
 from colift.simulation import disturbances
 
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture_bandwidth")
+"""Settings of `control` that are tuned."""
 # Exponents of the gains in the tuned parameters: frequency w and damping d of payload position, payload attitude and
 # agent attitudes, and the posture bandwidth; for example `K_p = w^2`, `K_v = 2 d w`. A change of the frequency moves
 # both poles of a pair alike, also where they coincide.
@@ -37,7 +38,7 @@ TUNED_GAINS = np.array([
     [2, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0, 0],
     [0, 0, 0, 0, 2, 0, 0], [0, 0, 0, 0, 1, 1, 0], [0, 0, 0, 0, 0, 0, 1],
 ])  # fmt: skip
-DAMPING = np.array([False, True] * 3 + [False])
+DAMPING = np.array([False, True] * 3 + [False])  # whether a tuned parameter is a damping
 DESIGN_DELAY = 0.004  # s, twice the delay margin that the preflight check requires
 MAX_GAIN_RATIO = math.log(2)  # largest change of a tuned parameter, as a logarithm
 DIFFERENCE_STEP = 1e-3  # of a logarithm, for finite differences of Jacobians with an accuracy of about 1e-10

@@ -30,7 +30,7 @@ WEAK_DELAY_MARGIN = 0.010
 """Delay margin below which the loop is weak [s]."""
 WEAK_GAIN_MARGIN = (0.7, 1.4)
 """Gains of all commands with which the loop should be stable."""
-TURN_DIRECTIONS = ("roll", "pitch", "yaw")
+TURN_DIRECTIONS = ("roll", "pitch", "yaw")  # names of the components of a rotation vector
 
 
 @dataclasses.dataclass(frozen=True)

@@ -24,10 +24,10 @@ from colift.trajectories import base, minimum_snap, smoothing_spline
 MAX_OVERSHOOT = 0.2  # of the side of the box of the poses
 MIN_OVERSHOOT = 0.01  # m
 SAMPLES = 4000  # times on the reference
-SAMPLES_PER_LEG = 33
+SAMPLES_PER_LEG = 33  # times in each leg between waypoints
 MIN_TABLE_POSES = 20  # poses from which `kind: sampled` is proposed
-MAX_SHOWN_LEGS = 6
-TRIED_INTERVALS = 25
+MAX_SHOWN_LEGS = 6  # legs that a message lists
+TRIED_INTERVALS = 25  # factors of a duration that a search evaluates
 
 
 @dataclasses.dataclass(frozen=True)

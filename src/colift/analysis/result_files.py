@@ -20,9 +20,9 @@ from colift.runtime import bounded_read
 SCHEMA = 2
 """Schema of the files that this version writes; files of version 0.1 have schema 1 and no entry `schema`."""
 
-Content = dict[str, Any]
+Content = dict[str, Any]  # content of a JSON object
 
-SUMMARY_KEYS = {
+SUMMARY_KEYS = {  # keys of schema 1 and their present names, here and below
     "settings": "settings_digest",
     "margins": "stability_margins",
     "limits": "termination_limits",

@@ -50,9 +50,10 @@ SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
     r"\.innovation\.(delay_error_ms|window_mean_square|longest_gap|mean_label_age|rate_forecast"
     r"|comovement\.(cross_moment|second_moment))"
 )
-COMMAND = r"\.controller\.last_command\[\d+\]\..*"
+COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command in the loop state
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench|label|inputs)\b"
+"""Paths of the states of the label filters."""
 
 
 @dataclasses.dataclass(frozen=True)

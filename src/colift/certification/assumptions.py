@@ -17,12 +17,12 @@ from colift.onboard.learning import residual_predictors
 from colift.simulation import disturbances
 from colift.simulation.sensors import SensorNoise
 
-FIRST_ORDER = "first order"
-NOISE = "sensor noise"
-SAMPLED = "sampled estimator"
-SATURATION = "saturation"
-PERIODICITY = "less than a period"
-MEAN = "posterior mean"
+FIRST_ORDER = "first order"  # the bounds hold for the linearized closed loop
+NOISE = "sensor noise"  # the effect of sensor noise is not bounded
+SAMPLED = "sampled estimator"  # the bounds hold at the true state
+SATURATION = "saturation"  # a thrust may saturate
+PERIODICITY = "less than a period"  # errors are evaluated over less than a period of the reference
+MEAN = "posterior mean"  # the prediction is no posterior mean
 
 
 def status_label(names: Collection[str]) -> str:

@@ -32,7 +32,7 @@ from colift.onboard.learning import confidence_bounds
 Matrix = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-BOUNDS = (*confidence_bounds.ONLINE_BOUNDS, "recovery")
+BOUNDS = (*confidence_bounds.ONLINE_BOUNDS, "recovery")  # bounds of the prediction error
 
 
 @dataclasses.dataclass(frozen=True)

@@ -34,7 +34,7 @@ from colift.trajectories import lissajous
 
 Matrix = NDArray[np.float64]
 
-ERRORS = ("e_p", "e_v", "e_R", "e_omega")
+ERRORS = ("e_p", "e_v", "e_R", "e_omega")  # tracking errors of position, velocity, attitude and angular velocity
 
 
 @dataclasses.dataclass(frozen=True)

@@ -267,7 +267,7 @@ def _require_writable(out: Path) -> None:
         common.fail(f"--out {out}: the folder {out.parent} does not exist or is not writable")
 
 
-Values = dict[str, float | str]
+Values = dict[str, float | str]  # values of a design, for the report
 
 
 class BestGains:

@@ -128,7 +128,7 @@ class While(Block):
 class Branch(Block):
     """Call of one of several functions; the first input is its index, clipped to the valid range."""
 
-    branches: tuple[Function, ...]  # functions to select from
+    branches: tuple[Function, ...]
 
     @property
     def functions(self) -> tuple[Function, ...]:

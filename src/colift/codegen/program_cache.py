@@ -15,7 +15,7 @@ from colift.codegen import jax_internals
 from colift.runtime import cache
 
 DIGEST_SIZE = 32
-"""Size of the digest at the start of an entry [bytes]."""
+"""Size of the digest at the begin of an entry [bytes]."""
 
 
 class VerifiedCache:

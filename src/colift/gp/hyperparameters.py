@@ -205,4 +205,4 @@ def concatenate(first: Hyperparameters, second: Hyperparameters) -> Hyperparamet
     return Hyperparameters(kernel=first.kernel, **both)
 
 
-FIELDS = ("signal_variance", "lengthscales", "noise_variance", "constant_mean")
+FIELDS = ("signal_variance", "lengthscales", "noise_variance", "constant_mean")  # fields with numbers

@@ -22,7 +22,7 @@ from colift.models.link_tree import CONTINUOUS, FIXED, PRISMATIC, REVOLUTE, Coup
 from colift.models.robot import UNLIMITED_JOINT, Body, JointLimits
 from colift.runtime import bounded_read
 
-INCLUDING_ELEMENTS = ("include", "model")
+INCLUDING_ELEMENTS = ("include", "model")  # elements that read other files
 MAX_MESH_BYTES = 2**28  # largest file of a mesh or height field
 MAX_NUMBER = 1e12  # largest number, so that products do not overflow
 UNLIMITED = 63.0  # rad or m, larger limits of position mean that there is none

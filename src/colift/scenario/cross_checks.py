@@ -215,7 +215,7 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
                 )
 
 
-UPDATE_TIMES_PATH = ("learning", "update_times_s")
+UPDATE_TIMES_PATH = ("learning", "update_times_s")  # location in the data
 
 
 def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:

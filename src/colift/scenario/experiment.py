@@ -49,6 +49,7 @@ PAPER_CASES = {
     "C3": "payload and agent learning",
 }
 EXTENSIONS = {"adaptive": "C3 with online model updates and feedback correction from labels"}
+"""Cases beyond those of the paper, with their descriptions."""
 BASELINES = {
     "integral": "C1 with integral action",
     "disturbance_observer": "C1 with a disturbance observer on the payload",

@@ -22,8 +22,9 @@ from colift.scenario.schema import Section
 from colift.trajectories.rotation_legs import exp, rotation
 
 TIMES = {"time_s": 1, "time_ms": 1_000, "time_us": 1_000_000, "time_ns": 1_000_000_000}
-POSITION = ("x_m", "y_m", "z_m")
-QUATERNION = ("qw", "qx", "qy", "qz")
+"""Columns of the time, and units per second."""
+POSITION = ("x_m", "y_m", "z_m")  # columns of the position
+QUATERNION = ("qw", "qx", "qy", "qz")  # columns of the attitude
 ANGLES_DEG, ANGLES_RAD = ("roll_deg", "pitch_deg", "yaw_deg"), ("roll_rad", "pitch_rad", "yaw_rad")
 KNOWN_COLUMNS = (*TIMES, *POSITION, *QUATERNION, *ANGLES_DEG, *ANGLES_RAD)
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
@@ -35,7 +36,7 @@ MAX_TIME = 1e5  # s, as `fields.Instant`
 MIN_STEP = 1e-6  # s between two poses; the spline of closer ones has no finite coefficients
 MAX_DIGITS = 30  # of a whole number, which is read exactly
 
-Column = Annotated[str, Field(strict=True, max_length=200)]
+Column = Annotated[str, Field(strict=True, max_length=200)]  # name of a column
 
 
 class SampledFromFile(Section):

@@ -24,7 +24,7 @@ from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format
 MAX_BYTES = 2_000_000  # a scenario has some 3 kB, and the knots of a table of poses up to 1.2 MB
 MAX_VALUES = 10_000  # every use of an alias counts: a few lines can expand to billions of values
 MAX_DEPTH = 20  # levels; a scenario has eight
-TAG = "tag:yaml.org,2002:"
+TAG = "tag:yaml.org,2002:"  # prefix of the standard YAML tags
 
 
 @dataclasses.dataclass(frozen=True)

@@ -23,9 +23,9 @@ NEARLY_HORIZONTAL = 1.48
 """Angle between third axis and axis of a leg [rad] above which `MAX_TILTING` does not apply."""
 NO_TURN = 1e-9
 """Angle of a leg without rotation [rad]; the payload is at rest at both ends of such a leg."""
-TOLERANCE = 1e-9
-BISECTIONS = 45
-MAX_PASSES = 60
+TOLERANCE = 1e-9  # relative, of the limits
+BISECTIONS = 45  # steps of the search for a reduction
+MAX_PASSES = 60  # passes over all legs
 
 
 def interpolate_attitudes(t: np.ndarray, R: np.ndarray, delta: np.ndarray | None = None) -> RotationLegs:
@@ -187,6 +187,7 @@ def limit_rates(T: np.ndarray, delta: np.ndarray, rates: np.ndarray) -> np.ndarr
 
 
 Excess = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Function that returns by how much each leg exceeds a limit."""
 
 
 def _reduce(

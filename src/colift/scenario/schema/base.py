@@ -79,10 +79,10 @@ def _ascending(limits: tuple[float, float] | None) -> tuple[float, float] | None
     return limits
 
 
-NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
-PART = r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*"
+NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"  # pattern of a name
+PART = r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*"  # pattern of `module:Name`
 Name = Annotated[str, Field(strict=True, pattern=NAME, max_length=100)]
-Row = tuple[fields.InertiaEntry, fields.InertiaEntry, fields.InertiaEntry]
+Row = tuple[fields.InertiaEntry, fields.InertiaEntry, fields.InertiaEntry]  # row of an inertia
 Rows = tuple[Row, Row, Row]
 Inertia = Annotated[Rows, BeforeValidator(_inertia), AfterValidator(_physical)]
 Vector = tuple[float, float, float]
