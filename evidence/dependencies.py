@@ -194,7 +194,7 @@ def _file(parts: list[str], root: Path) -> Path | None:
 def _lazy(tree: ast.Module) -> dict[str, str]:
     """Return names of a package's `__init__` and their modules: all of its tables of strings by strings.
 
-    Values that are no module give no file, so other tables have no effect. A pair `(module, name)` counts as its
+    Values that are not modules yield no file, so other tables have no effect. A pair `(module, name)` counts as its
     module.
     """
     found: dict[str, str] = {}

@@ -104,7 +104,7 @@ def _end(run: subprocess.Popen[str], number: signal.Signals, out: Path) -> dict[
         try:
             scenario.load_scenario(out)
         except scenario.ScenarioError as error:
-            faults.append(f"the file is no scenario: {error}")
+            faults.append(f"the file is not a scenario: {error}")
         if not out.read_text().startswith(INCOMPLETE_SEARCH):
             faults.append("the file does not state that the search is not complete")
     elif number != signal.SIGKILL:

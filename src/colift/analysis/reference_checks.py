@@ -319,7 +319,7 @@ def _less_acceleration_of_table(
 
 
 def _larger_deviation(name: str, fits: np.ndarray, limit: float) -> str:
-    """Return the least deviation with which the largest acceleration is within a limit; empty if it is no noise."""
+    """Return the least deviation with an acceleration within a limit; empty if it is too large for noise."""
     smoother = fits[fits[:, 1] < limit]
     if not len(smoother) or smoother[:, 0].min() > MAX_NOISE[name]:
         return ""

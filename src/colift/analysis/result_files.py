@@ -115,7 +115,7 @@ def load_summary(path: str | Path) -> Content:
         Content of the file with the keys of the present schema.
 
     Raises:
-        ValueError: If the file is no summary, damaged, or of a later schema.
+        ValueError: If the file is not a summary, is damaged, or has a later schema.
     """
     return _load(Path(path), "cases", _upgrade_summary, result_checks.SUMMARY_TYPES)
 
@@ -130,7 +130,7 @@ def load_certificate(path: str | Path) -> Content:
         Content of the file with the keys of the present schema.
 
     Raises:
-        ValueError: If the file is no certificate, damaged, or of a later schema.
+        ValueError: If the file is not a certificate, is damaged, or has a later schema.
     """
     return _load(Path(path), "observed", _upgrade_certificate, result_checks.CERTIFICATE_TYPES)
 

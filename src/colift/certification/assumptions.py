@@ -22,7 +22,7 @@ NOISE = "sensor noise"  # the effect of sensor noise is not bounded
 SAMPLED = "sampled estimator"  # the bounds hold at the true state
 SATURATION = "saturation"  # a thrust may saturate
 PERIODICITY = "less than a period"  # errors are evaluated over less than a period of the reference
-MEAN = "posterior mean"  # the prediction is no posterior mean
+MEAN = "posterior mean"  # the prediction is not a posterior mean
 
 
 def status_label(names: Collection[str]) -> str:
@@ -63,7 +63,7 @@ def logged_bound_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
     """Return the assumptions of the logged error bounds `rho_bar` about the prediction `f_hat`.
 
     A bound concerns the posterior mean at the true state. The controller uses the mean at the estimated state. In some
-    cases (disturbance observer, identified parameters, true residual) the prediction is no posterior mean.
+    cases (disturbance observer, identified parameters, true residual) the prediction is not a posterior mean.
 
     Args:
         experiment: Experiment of the run.

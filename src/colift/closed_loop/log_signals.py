@@ -346,10 +346,10 @@ def all_joints(ds: xr.Dataset, name: str) -> xr.DataArray:
         columns if the team has no joints.
 
     Raises:
-        KeyError: If there is no joint signal of this name.
+        KeyError: If there is not a joint signal of this name.
     """
     if f"{name}_prismatic" not in SPECS:
-        raise KeyError(f"{name} is no joint signal")
+        raise KeyError(f"{name} is not a joint signal")
     time = "time" if name in SIGNALS else "time_sigma"
     found = [(ds[part], dim) for part, (dim,) in ((name, JOINT), (f"{name}_prismatic", PRISMATIC_JOINT)) if part in ds]
     values = np.concatenate([np.zeros((ds.sizes[time], 0)), *(x.values for x, _ in found)], axis=1)

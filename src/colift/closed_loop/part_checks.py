@@ -66,8 +66,8 @@ def check_parts(experiment: Experiment[World]) -> None:
         experiment: Experiment; parts of a user are called once on abstract values.
 
     Raises:
-        PartError: If a part is no PyTree, lacks a method, returns another structure, shape or type than its interface
-            requires, or if a Python condition depends on an array.
+        PartError: If a part is not a PyTree, lacks a method, returns another structure, shape or type than its
+            interface requires, or if a Python condition depends on an array.
     """
     world, controller, clock = experiment.world, experiment.controller, _clock(experiment.dt)
     if isinstance(world, SimulatedWorld):

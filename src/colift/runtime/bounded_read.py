@@ -28,7 +28,7 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
         The content.
 
     Raises:
-        OSError: If the file cannot be read, is no regular file, or is larger than the limit.
+        OSError: If the file cannot be read, is not a regular file, or is larger than the limit.
     """
     # without O_NONBLOCK, opening a pipe without a writer would never return
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, "O_CLOEXEC", 0))
@@ -88,7 +88,7 @@ def read_json(path: str | Path, limit: int = MAX_TEXT_BYTES) -> dict[str, Any]:
     text = read_text(path, limit)
     try:
         value = json.loads(text, parse_constant=_refuse_constant)
-        json.dumps(value, ensure_ascii=False).encode()  # a lone surrogate is no text
+        json.dumps(value, ensure_ascii=False).encode()  # a lone surrogate is not text
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
     except RecursionError:
@@ -106,4 +106,4 @@ def read_json(path: str | Path, limit: int = MAX_TEXT_BYTES) -> dict[str, Any]:
 
 def _refuse_constant(name: str) -> float:
     """Raise ValueError for NaN and Infinity, which strict JSON does not contain."""
-    raise ValueError(f"{name} is no number")
+    raise ValueError(f"{name} is not a number")

@@ -280,7 +280,7 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     for i, source in enumerate(_items(data, "disturbances")):
         for k in range(len(_items(source, "gusts"))):
             wave = [_number(source, "gusts", k, "wave_vector_radpm", axis) for axis in range(3)]
-            k_abs = math.hypot(*wave)  # NaN where it is no vector
+            k_abs = math.hypot(*wave)  # NaN where it is not a vector
             location: Location = ("disturbances", i, "gusts", k, "wave_vector_radpm")
             if k_abs * MAX_WAVELENGTH < 2 * math.pi:
                 yield (

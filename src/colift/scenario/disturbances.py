@@ -105,7 +105,7 @@ def _wind(source: schema.Wind) -> Wind | TimeVaryingWind:
 
 
 def _plugin(source: schema.PluginDisturbance) -> DisturbanceModel:
-    """Return a user-defined disturbance, checked."""
+    """Make and check a user-defined disturbance."""
     model = build_plugin(source, f"disturbances: {source.name}", DisturbanceModel)
     check_plugin(part_checks.check_disturbance, source.name, model)
     return model

@@ -152,7 +152,7 @@ def _read(section: SampledFromFile, lines: Iterator[tuple[int, str]]) -> _Table:
     if first is None:
         raise _TableError("must hold two poses or more, got 0")
     separator = _separator(section, first[1])
-    if not _is_number(_split(first[1], separator)[0]):  # the first line that is no comment is the header
+    if not _is_number(_split(first[1], separator)[0]):  # the first line that is not a comment is the header
         header, first = first, None
     elif header is not None and len(_split(header[1], separator)) != len(_split(first[1], separator)):
         header = None  # a comment about something else

@@ -15,7 +15,7 @@ from colift.scenario.schema.shared import AgentForceMagnitudes, ForceMagnitudes,
 class Certificate(ResidualNorm):
     """Assumptions of the error bounds; the results list those that the scenario does not satisfy by construction.
 
-    Label errors include all parts of the residual that are no function of the state.
+    Label errors include all parts of the residual that are not a function of the state.
     """
 
     error_bound: Literal["energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler"] = "energy"
