@@ -79,9 +79,9 @@ class StepRecord:
     model_gain_L: Float[Array, "*time 6"] | None = None  # model gain of the payload
     model_gain_x: Float[Array, "*time agents 3"] | None = None  # model gain of the agents
     delay_error_L: Float[Array, "*time 6"] | None = None  # N, N m, RMS error due to the label delay
-    delay_error_x: Float[Array, "*time agents 3"] | None = None  # N, the same of the agents
+    delay_error_x: Float[Array, "*time agents 3"] | None = None  # N, RMS error of the agents' labels
     correction_error_L: Float[Array, "*time 6"] | None = None  # N, N m, RMS error without labels
-    correction_error_x: Float[Array, "*time agents 3"] | None = None  # N, the same of the agents
+    correction_error_x: Float[Array, "*time agents 3"] | None = None  # N, RMS error of the agents without labels
     correction_weight: Float[Array, "*time"] | None = None  # weight of the current innovation
     labels_available: Float[Array, "*time"] | None = None  # 1 while labels are available, otherwise 0
 

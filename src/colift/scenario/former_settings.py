@@ -131,7 +131,7 @@ def restructure(data: MutableMapping[str, Any], names: Mapping[str, str]) -> Non
 
     Args:
         data: Scenario with names of schema 2.
-        names: Names in the file of settings of the section `baselines`, for messages.
+        names: Names that the file has for settings of the section `baselines`, for messages.
 
     Raises:
         ScenarioError: If a file that extends another one states one of two settings that form a pair now.

@@ -73,7 +73,7 @@ class SampledFromFile(Section):
     """Root-mean-square distance of the poses from the path, such as the noise of the log. By default generalized
     cross-validation determines it, with at most 0.01 m; a path that this cannot determine goes through all poses."""
     deviation_deg: fields.AngularDeviation | None = None
-    """The same for the attitude; by default at most 1.1 deg."""
+    """Root-mean-square angle of the attitudes from the spline; default: as for `deviation_m`, at most 1.1 deg."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -305,7 +305,7 @@ class _Reader:
                     found |= self.value(section, location)
                 else:
                     self.errors.append(
-                        (location, f"`<<` takes a section, or a list of them, got {format_value(section.value)}")
+                        (location, f"`<<` must be a section, or a list of sections, got {format_value(section.value)}")
                     )
         return found
 

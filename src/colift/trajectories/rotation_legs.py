@@ -86,7 +86,7 @@ def leg_polynomials(T: np.ndarray, delta: np.ndarray, start: np.ndarray, end: np
         delta: Rotation vectors of the legs [rad].
         start: Angular velocity and its derivatives at the start of each leg, `(legs, 3, 3)`; the second derivative may
             be omitted if it is zero, `(legs, 2, 3)`.
-        end: The same at the end.
+        end: Angular velocity and its derivatives at the end of each leg, of the same shape.
 
     Returns:
         Coefficients of the powers of `(t - t_k) / T_k`, `(legs, 8, 3)`.

@@ -43,7 +43,7 @@ iframe { width: 100%; height: 860px; border: 1px solid var(--line); }
 """
 CONTACT_COLUMNS = {
     "peak, mean [N]": "largest and mean norm of the true contact force",
-    "internal peak, mean [N]": "the same for its internal part, which applies no wrench to the payload",
+    "internal peak, mean [N]": "largest and mean norm of its internal part, which applies no wrench to the payload",
     "bias x, y, z [N]": "mean of the estimated minus the true force, payload frame",
     "error [N]": "RMS norm of the estimated minus the true force",
 }

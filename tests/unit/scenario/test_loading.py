@@ -204,7 +204,7 @@ WRONG = [  # original text, replacement, line of the error
     ("seed: 0", "seed: !!bool foo", "s.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
     ("seed: 0", "seed: 0\nseed: 1", "s.yaml:7: seed: occurs twice, in lines 7 and 8"),
     ("seed: 0", "1: 0", "scenario: the name of a setting must be text, got '1' in line 7"),
-    ("seed: 0", "<<: 0", "scenario: `<<` takes a section, or a list of them, got '0'"),
+    ("seed: 0", "<<: 0", "scenario: `<<` must be a section, or a list of sections, got '0'"),
     ("name: sample", 'name: "\\ud800"', "name: holds characters that are not text"),
     ("name: sample", f"name: {'x' * 101}", "name: must have at most 100 characters"),
     ("control_Hz: 500", "control_Hz: 19", "control_Hz [Hz]: must be from 20 to 10000 (attitude loops require 20 Hz"),
