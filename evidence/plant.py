@@ -124,7 +124,7 @@ def agreement(seed: int) -> dict[str, object]:
 
 
 def slowed(name: str, seed: int) -> dict[str, object]:
-    """Like `energy`, with velocities reduced until the rates of the free motion stay below `RATE`."""
+    """Evaluate `energy` with velocities reduced until the rates of the free motion stay below `RATE`."""
     team, z = TEAMS[name](seed)
     floating = dataclasses.replace(team, gravity=0 * team.gravity)
     _, seen = motion.track(floating, z, jnp.array(1e-3), jnp.array(True), samples=100, every=100)
