@@ -86,7 +86,7 @@ def main(arguments: list[str], names: list[str]) -> int:
         where = page.relative_to(evidence.ROOT).as_posix()
         for name in sorted(quoted(page.read_text())):
             if name not in names:
-                print(f"{where}: quotes {name}, which is no result")
+                print(f"{where}: quotes {name}, which is not a result")
                 bad += 1
             elif name in states and not states[name][0] and stored(name):
                 print(f"{where}: quotes {name}, which is older than its code")

@@ -91,7 +91,10 @@ def main() -> bool:
             [one["name"] for one in each if one["violated"]],
             sum(one["num_components_outside"] for one in held),
         )
-        print(f"{kind:13} {len(held)} of {len(each)} have radii: {output}; broken {broken}; beyond spans {left} times")
+        print(
+            f"{kind:13} {len(held)} of {len(each)} trials have bounds; largest observed error / bound: {output}; "
+            f"violated: {broken or 'none'}; components outside their interval: {left}"
+        )
         holds &= not broken and all(one["message"] for one in each if one not in held)
         for why, many in Counter(one["message"] for one in each if one["message"]).items():
             print(f"    {many}: {why}")

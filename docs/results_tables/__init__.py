@@ -146,7 +146,7 @@ def targets(asked: Iterable[Any]) -> str:
     return markdown(
         header,
         (
-            (one.what, f"{number(one.measured)} {one.unit}".strip(), one.limit, one.met, one.note or None)
+            (one.description, f"{number(one.measured)} {one.unit}".strip(), one.limit, one.met, one.note or None)
             for one in asked
         ),
     )

@@ -50,9 +50,10 @@ SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
     r"\.innovation\.(delay_error_ms|window_mean_square|longest_gap|mean_label_age|rate_forecast"
     r"|comovement\.(cross_moment|second_moment))"
 )
-COMMAND = r"\.controller\.last_command\[\d+\]\..*"
+COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command in the loop state
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
 LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench|label|inputs)\b"
+"""Paths of the states of the label filters."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +67,7 @@ class Modes:
     payload: np.ndarray  # (modes, 6) amplitudes of the payload's (theta, p)
     attitude: np.ndarray  # (modes, agents, 3) amplitudes of the agents' rotation vectors, body frame
     joints: np.ndarray  # (modes, joints) amplitudes of the joints, in team order
-    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")
+    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")  # of the amplitudes in `payload`
 
     @property
     def stable(self) -> bool:
@@ -405,7 +406,7 @@ def directional_derivative(experiment: flight.Experiment, state: State, x: LoopS
 class VariedLoop:
     """Fastest growing mode of a loop with a common gain of all commands, or with delayed commands."""
 
-    gain: float
+    gain: float  # common gain of all commands
     ticks: int  # delay
     growth: float  # 1/s
     dt: float  # s, control period

@@ -18,7 +18,7 @@ from colift.closed_loop import log_signals
 from colift.runtime import text
 
 ONLINE = ("innovation_", "model_gain_", "delay_error_", "correction_", "labels_available")
-"""Begin of the names of variables that only controllers with an innovation filter log."""
+"""Prefixes of the variables that only controllers with an innovation filter log."""
 COMPUTED = ("p_base",)
 """Variables that logs of older schemas lack."""
 DIM_SIZES = {"axis": 3, "body_axis": 3, "quaternion": 4}
@@ -73,7 +73,7 @@ def _labels(ds: xr.Dataset) -> Iterator[str]:
         if dim not in ds.coords and order not in ds.coords:
             continue
         if dim not in ds.coords or order not in ds.coords or ds[order].dims != (dim,) or ds[order].dtype.kind != "i":
-            yield f"the coordinates {dim} and {order} must come together"
+            yield f"the coordinates {dim} and {order} must occur together"
         else:
             places += ds[order].values.tolist()
     if sorted(places) != list(range(len(places))):

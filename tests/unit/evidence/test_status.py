@@ -41,7 +41,7 @@ def test_status_is_1_where_a_page_quotes_a_stale_result(project, store, capsys):
     assert status.main(["layered"], NAMES) == 0
     page.write_text("<!-- table: unknown.errors -->\n")
     assert status.main([], NAMES) == 1
-    assert "docs/results/page.md: quotes unknown, which is no result" in capsys.readouterr().out
+    assert "docs/results/page.md: quotes unknown, which is not a result" in capsys.readouterr().out
     assert status.main(["unknown"], NAMES) == 2
 
 

@@ -241,7 +241,7 @@ class InnovationFilter:
             team: Nominal parameters.
 
         Returns:
-            The state without labels.
+            The state before the first label.
         """
         none = zero_residual(team)
         return InnovationState(
