@@ -21,13 +21,15 @@ LIMITS = {"empty": 12.0, "full": 4.0}  # s
 REPEATS = {"empty": 1, "full": 3}  # the least counts: other programs only add
 SCRIPT = """
 import jax, jax.numpy as jnp
-from colift import dynamics, native
-from colift.model import AgentInput, no_force
+from colift import codegen
+from colift.models.state import AgentInput, zero_residual
+from colift.simulation import contact_dynamics
 from tests.support import random_teams as teams
 team, z = teams.reference_team(2), teams.reference_guess(2)
 u = (AgentInput(u=jnp.zeros(2), tau=jnp.zeros((2, 3)), tau_r=jnp.zeros((2, 3))),)
-step = lambda team, z, u, dt: dynamics.project(team, dynamics.integrate(team, z, u, lambda _z, _t: no_force(team), dt))
-by = native.compile if "{back_end}" == "native" else (lambda f: f)
+rk4 = lambda team, z, u, dt: contact_dynamics.rkmk4_step(team, z, u, lambda _z, _t: zero_residual(team), dt)
+step = lambda team, z, u, dt: contact_dynamics.project_to_constraints(team, rk4(team, z, u, dt))
+by = codegen.compile if "{back_end}" == "native" else (lambda f: f)
 jax.block_until_ready(jax.jit(by(step))(team, z, u, jnp.array(1e-3)))
 """
 

@@ -64,7 +64,7 @@ def run(seconds: float) -> Outcome:
     }
     apart = float(np.linalg.norm(np.asarray(end.payload.p) - data.qpos[-7:-4]))
     print(f"largest gap after {STEPS} steps, m: " + ", ".join(f"{name} {gap:.2g}" for name, gap in gaps.items()))
-    print(f"payloads end {apart:.2g} m apart (MuJoCo's constraints give way)")
+    print(f"payloads end {apart:.2g} m apart (MuJoCo's constraints are compliant)")
     faster, by_jax_ratio = ratios(times, "native")["MuJoCo RK4"], ratios(times, "JAX")["MuJoCo RK4"]
     return Outcome(
         figures={

@@ -35,9 +35,9 @@ ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "evidence" / "results"
 
 
-def files_behind(proof: Path, root: Path = ROOT) -> dict[str, str]:
+def files_behind(module: Path, root: Path = ROOT) -> dict[str, str]:
     """Return the project files behind an evidence module or a benchmark, with their git digests."""
-    files = sorted(dependencies.closure(proof, root))
+    files = sorted(dependencies.closure(module, root))
     return {path.relative_to(root).as_posix(): _digest(path) for path in files}
 
 

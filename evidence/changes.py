@@ -149,7 +149,9 @@ def targets(found: dict[str, Any]) -> list[Target]:
     for world in UNCHANGED:
         e, seeds = errors(found, world), SEEDS.get(world, (0,))
         W = {case: np.array([found[f"{world}: {case}: {seed}"]["delta_W_rms_N"] for seed in seeds]) for case in CASES}
-        all_targets += [one._replace(what=f"{world}: {one.what}") for one in orderings.adaptive_targets(e, W)]
+        all_targets += [
+            one._replace(description=f"{world}: {one.description}") for one in orderings.adaptive_targets(e, W)
+        ]
     return all_targets
 
 

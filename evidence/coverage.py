@@ -68,8 +68,8 @@ def noise(key: Key[Array, ""], kind: str) -> Float[Array, " points"]:
 def gather(key: Key[Array, ""], kind: str, inputs: str, norm: float) -> tuple[Array, Array, Array, Array]:
     """Return a function of norm B, as centers and coefficients, and data of it.
 
-    Adaptive inputs: where the last label lay above its prediction, a step nearby; else the most promising candidate,
-    `argmax mean + 2 deviation`.
+    An adaptive input is a small step from the last input if the last label exceeded its prediction. Otherwise it is the
+    candidate with the largest upper confidence bound, `argmax mean + 2 deviation`.
     """
     k_centres, k_coefficients, k_noise, k_inputs = jax.random.split(key, 4)
     Z = jax.random.uniform(k_centres, (CENTRES, DIMENSIONS), minval=-1.0, maxval=1.0)
@@ -130,7 +130,10 @@ def judge(p: gp.GPPosterior, Z: Array, a: Array, norm: float, R: float) -> dict[
 
 
 def recovered(key: Key[Array, ""], Z: Array, a: Array, X: np.ndarray, y: np.ndarray, norm: float) -> tuple:
-    """Like `judge` for optimal recovery at some inputs; it fails if the true value is outside its interval."""
+    """Evaluate optimal recovery at some inputs, as `judge` evaluates the other bounds.
+
+    The bound fails if the true value is outside its interval.
+    """
     inputs = jax.random.uniform(key, (RECOVERED_AT, DIMENSIONS), minval=-1.0, maxval=1.0)
     p = gp.condition(X, y[:, None], HYPER)
     worst, ratios = 0.0, []

@@ -222,7 +222,7 @@ def summary_line(found: list[dict[str, Any]]) -> str:
     terminated = sum(of["num_terminated"] for of in found)
     return (
         f"e_p {1e3 * np.median(e):6.1f} mm ({1e3 * min(e):.1f} to {1e3 * max(e):.1f}), "
-        f"return {np.median(returns):6.1f} ({min(returns):.1f} to {max(returns):.1f}), {terminated} lost"
+        f"return {np.median(returns):6.1f} ({min(returns):.1f} to {max(returns):.1f}), {terminated} terminated early"
     )
 
 

@@ -107,7 +107,7 @@ def run_commands(item: str) -> dict[str, Any]:
 
 
 def _faults(done: Any, certain: bool, file: str) -> Iterator[str]:
-    """Yield what is wrong with the answer of a command."""
+    """Yield the faults of the exit status and the message of a command."""
     if done.exception is not None and not isinstance(done.exception, SystemExit):
         trace = io.StringIO()
         traceback.print_exception(done.exception, file=trace)

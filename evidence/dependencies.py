@@ -1,17 +1,18 @@
 """Files that a result depends on, found from the import statements without importing anything.
 
-The closure of a proof holds:
+The closure of an evidence module contains:
 
-- the proof and each project module that it imports, directly or through other modules, with the packages around them;
+- the evidence module and each project module that it imports, directly or through other modules, with the packages
+  around them;
 - names that a package serves lazily from a literal ``{name: module}`` table in its ``__init__``;
 - data files beside a module whose names the module contains as strings;
-- scenario files whose names the proof contains as strings;
-- source files of the folders in the proof's ``RUNS``, for proofs that start other programs;
+- scenario files whose names the evidence module contains as strings;
+- source files of the folders in its ``RUNS``, for evidence modules that start other programs;
 - lock files: ``requirements/run.txt``, and each other lock that pins a third-party package of the closure.
 
-A proof that compares two commits of the history (`HISTORY`) depends on its own module only.
+An evidence module that compares two commits of the history (`HISTORY`) depends on its own module only.
 
-Imports inside functions are not followed, except third-party imports of the proof: they select lock files.
+Imports inside functions are not followed, except third-party imports of the evidence module: they select lock files.
 """
 
 from __future__ import annotations
@@ -34,29 +35,29 @@ RUN_LOCK = "run"
 DISTRIBUTIONS = {"pinocchio": "pin", "yaml": "pyyaml", "sklearn": "scikit-learn"}  # import name to package name
 
 
-def closure(proof: Path, root: Path) -> set[Path]:
+def closure(module: Path, root: Path) -> set[Path]:
     """Return the project files that an evidence module depends on, see the module's description.
 
     Args:
-        proof: The proof's module.
+        module: File of the evidence module.
         root: The project's folder.
     """
-    if proof.stem in HISTORY:
-        return {proof}
+    if module.stem in HISTORY:
+        return {module}
     tools = {root / "evidence" / f"{name}.py" for name in TOOLS}
     found: set[Path] = set()
-    left = {proof}
+    left = {module}
     while left:
         path = left.pop()
         found.add(path)
         tree = parsed(path)
         found |= _beside(path)
         left |= _imported(tree, path, root) - found - tools
-    named = words(proof)
+    named = words(module)
     found |= {path for path in (root / PACKAGES["colift"]).rglob("*.yaml") if path.stem in named}
-    found |= {path for folder in _runs(parsed(proof)) for path in (root / folder).rglob("*") if path.suffix in SOURCE}
+    found |= {path for folder in _runs(parsed(module)) for path in (root / folder).rglob("*") if path.suffix in SOURCE}
     found -= tools
-    return found | set(_locks(proof, found, root))
+    return found | set(_locks(module, found, root))
 
 
 @functools.cache
@@ -193,7 +194,8 @@ def _file(parts: list[str], root: Path) -> Path | None:
 def _lazy(tree: ast.Module) -> dict[str, str]:
     """Return names of a package's `__init__` and their modules: all of its tables of strings by strings.
 
-    Values that are no module give no file, so other tables do no harm. A pair `(module, name)` counts as its module.
+    Values that are not modules yield no file, so other tables have no effect. A pair `(module, name)` counts as its
+    module.
     """
     found: dict[str, str] = {}
     for node in tree.body:
@@ -207,7 +209,7 @@ def _lazy(tree: ast.Module) -> dict[str, str]:
     return found
 
 
-def _locks(proof: Path, files: set[Path], root: Path) -> Iterator[Path]:
+def _locks(module: Path, files: set[Path], root: Path) -> Iterator[Path]:
     """Return lock files behind an evidence module: the runtime lock, and locks of other packages that its files
     import.
     """
@@ -217,7 +219,7 @@ def _locks(proof: Path, files: set[Path], root: Path) -> Iterator[Path]:
     yield run
     have = pins(run.read_text())
     python = [path for path in files if path.suffix == ".py"]
-    foreign = {name for path in python for name in _foreign(parsed(path), path == proof)}
+    foreign = {name for path in python for name in _foreign(parsed(path), path == module)}
     requested = {_normal(DISTRIBUTIONS.get(name, name)) for name in foreign}
     for lock in sorted((root / LOCKS).glob("*.txt")):
         if lock != run and requested & (pins(lock.read_text()).keys() - have.keys()):

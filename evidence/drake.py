@@ -58,7 +58,7 @@ class Drake:
         inputs: TeamInputs,
         f: ResidualForces,
     ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
-        """Like `mujoco_plant.MujocoPlant.forward_dynamics`."""
+        """Compute accelerations and contact forces, as `mujoco_plant.MujocoPlant.forward_dynamics`."""
         like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
         contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *mujoco_plant._join_groups(like), *mujoco_plant._join_groups(contacts)]
@@ -75,7 +75,7 @@ class Drake:
         residual: ResidualFunctionType,
         dt: Float[Array, ""],
     ) -> State:
-        """Like `mujoco_plant.MujocoPlant.step`."""
+        """Simulate one step, as `mujoco_plant.MujocoPlant.step`."""
 
         def one(k: Array, z: State) -> State:
             load, kind = jax.tree.flatten(z.payload)

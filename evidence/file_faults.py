@@ -4,8 +4,8 @@ A library in C, loaded before the C library, lets the n-th file operation below 
 space left on device", or ends the process there. Further processes are killed at random times. Afterwards the folder
 contains all earlier or all new results, and the next command removes the remaining hidden files.
 
-Each command first runs once as it is. Its flights, bounds and figures are then stored, so that the repetitions take a
-second; reading, staging, writing and exchange of folders run as always.
+Each command first runs once without faults. Its flights, bounds and figures are then stored, so that the repetitions
+take a second; reading, staging, writing and exchange of folders run as always.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ class _Trials:
         self.new: dict[str, bytes] = {}
 
     def prepare(self) -> None:
-        """Put the earlier results in place."""
+        """Copy the earlier results to the folder of the trial."""
         _arm(None)
         shutil.rmtree(self.place, ignore_errors=True)
         self.place.mkdir()
@@ -218,7 +218,7 @@ class _Trials:
         return CliRunner().invoke(app, self.words)
 
     def faults(self) -> list[str]:
-        """Return what is wrong with the files after a fault, and after the next command."""
+        """Return the faults of the files after an injected fault, and after the next command."""
         _arm(None)
         wrong = []
         found = self._contents(self.out)

@@ -1,8 +1,8 @@
-"""`tune` hands over its best gains so far at any interrupt: 20 signals at random times, in separate processes.
+"""`tune` writes its best gains so far when it is interrupted: 20 signals at random times, in separate processes.
 
-SIGINT, SIGTERM and SIGHUP take turns. They are sent at random times between the installation of the signal handlers and
-the end of a search with a small budget. The file must then be a whole scenario whose first line states that the search
-is not complete. Five processes are killed instead; their file is absent or whole.
+SIGINT, SIGTERM and SIGHUP are sent in turn, at random times between the installation of the signal handlers and the end
+of a search with a small budget. The file must then be a complete scenario whose first line states that the search is
+not complete. Five further processes are killed; their file must be absent or complete.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _end(run: subprocess.Popen[str], number: signal.Signals, out: Path) -> dict[
         try:
             scenario.load_scenario(out)
         except scenario.ScenarioError as error:
-            faults.append(f"the file is no scenario: {error}")
+            faults.append(f"the file is not a scenario: {error}")
         if not out.read_text().startswith(INCOMPLETE_SEARCH):
             faults.append("the file does not state that the search is not complete")
     elif number != signal.SIGKILL:
@@ -119,12 +119,12 @@ def _end(run: subprocess.Popen[str], number: signal.Signals, out: Path) -> dict[
 
 
 def main() -> bool:
-    """Interrupt all searches; each must hand over its best gains."""
+    """Interrupt all searches; each must write its best gains."""
     items = [*(f"interrupt {k}" for k in range(INTERRUPTS)), *(f"kill {k}" for k in range(KILLS))]
     found = collect("handover", items, run_trial)
     good = sum(not found[f"interrupt {k}"]["faults"] for k in range(INTERRUPTS))
     changed = sum(found[item]["gains_changed"] for item in items)
-    print(f"{good} of {INTERRUPTS} interrupts hand over a scenario; {changed} of all files have other gains")
+    print(f"{good} of {INTERRUPTS} interrupts leave a complete scenario; {changed} of all files have changed gains")
     for item in items:
         for fault in found[item]["faults"]:
             print(f"{item}: {fault}")

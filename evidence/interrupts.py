@@ -1,7 +1,8 @@
 """Ctrl-C and SIGTERM end a run at any point: 40 and 8 trials, in separate processes.
 
-The runs are short commands. The times of the signals are spread over a whole run: imports, compilation, flights, fits,
-figures and writing. They count from the installation of the signal handlers; before that the interpreter itself starts.
+The runs are short commands. The times of the signals are distributed over a whole run: imports, compilation, flights,
+fits, figures and writing. They count from the installation of the signal handlers; before that the interpreter itself
+starts.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ main()
 
 
 class TrialKind(NamedTuple):
-    """One kind of trial: number of trials, spread over a time [s] or over a whole run."""
+    """One kind of trial; the signals are distributed over the time `over` [s], by default over a whole run."""
 
     signal: signal.Signals
     command: str

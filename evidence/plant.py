@@ -124,7 +124,7 @@ def agreement(seed: int) -> dict[str, object]:
 
 
 def slowed(name: str, seed: int) -> dict[str, object]:
-    """Like `energy`, with velocities reduced until the rates of the free motion stay below `RATE`."""
+    """Evaluate `energy` with velocities reduced until the rates of the free motion stay below `RATE`."""
     team, z = TEAMS[name](seed)
     floating = dataclasses.replace(team, gravity=0 * team.gravity)
     _, seen = motion.track(floating, z, jnp.array(1e-3), jnp.array(True), samples=100, every=100)
@@ -216,8 +216,10 @@ def springs(z: State, at: State, R: Array) -> ResidualForces:
 def driven(team: Team, home: State, key: Array) -> tuple[Array, Array, Array, Array]:
     """Simulate 60 s at 1 ms under bang-bang inputs of 50 ms while springs rotate the team by 2 rad in 30 s.
 
-    Thrust is 0 or at its limit, torques +-1 N m on bases and +-0.1 N m on joints. The largest position and velocity
-    residuals, the largest turn of the payload, rad, and its largest speed, m/s.
+    Thrust is 0 or at its limit, torques +-1 N m on bases and +-0.1 N m on joints.
+
+    Returns:
+        Largest position and velocity residuals, and largest rotation [rad] and speed [m/s] of the payload.
     """
     still = zero_residual(team)
 

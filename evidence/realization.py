@@ -54,7 +54,7 @@ def simulate_case(settings: Scenario, case: str) -> dict[str, Any]:
 def targets(found: dict[str, Any]) -> list[Target]:
     """Return targets: no change of stability at the threshold, and verdicts that predict the flights."""
     rates = [list(each["growth_rate_1ps"].values()) for each in found.values() if each["growth_rate_1ps"]]
-    lost = [each for each in found.values() if each["C1"]["termination_reason"]]
+    ended = [each for each in found.values() if each["C1"]["termination_reason"]]
     sound = [each for each in found.values() if each["verdict"] == "sound"]
     completed = [each for each in sound if not any(each[case]["termination_reason"] for case in ("C1", "C3"))]
     better = [each for each in completed if each["C3"]["e_p_rms_m"] < each["C1"]["e_p_rms_m"]]
@@ -66,7 +66,9 @@ def targets(found: dict[str, Any]) -> list[Target]:
             most=0,
             note=f"{len(rates)} teams",
         ),
-        Target("teams that are lost in C1 with the verdict sound", sum(x["verdict"] == "sound" for x in lost), most=0),
+        Target(
+            "teams with the verdict sound that do not complete C1", sum(x["verdict"] == "sound" for x in ended), most=0
+        ),
         Target(
             "share of sound teams that complete C1 and C3 with a smaller error in C3",
             len(better) / max(len(sound), 1),

@@ -1,23 +1,23 @@
-"""`./dev evidence restamp [NAME ...]`: shows by one replayed item that a result still follows from the code.
+"""`./dev evidence restamp [NAME ...]`: verify by one recomputed item that a result still follows from the code.
 
-For each result that is older than its code, one stored item is computed again by the proof's own item function, in a
-process of its own, and compared with what is stored under today's names (`evidence/renamed.json`):
+For each result that is older than its code, one stored item is computed again by the item function of its evidence
+module, in a process of its own, and compared with what is stored under today's names (`evidence/renamed.json`):
 
 - equal: the result is stamped with today's files and commit; its items are stored under today's names;
 - different: the result stays stale, and the first difference is recorded and printed;
-- longer than the limit, or not computable here: the result is left alone.
+- longer than the limit, or not computable here: the result is not changed.
 
 A stamp keeps the date, the machine and the commit of the computation (`computed`), and states which item was replayed
-(`replayed`). It shows that item alone; the other items are taken to follow from the same code.
+(`replayed`). Only this item is verified; the other items are assumed to follow from the same code.
 
 Two numbers are equal where all their bits are; `--within REL` allows a relative difference, which the stamp then
 states. Two kinds of field are exempt:
 
 - `UNCOMPARED`: wall-clock times, memory, and versions of other software;
-- `MESSAGES`: texts for people. They are compared by whether there is one.
+- `MESSAGES`: messages. Only their presence is compared.
 
-Each outcome is written at once, whole or not at all. The next run continues from there: up-to-date results are skipped,
-and a replay is not repeated for the same code unless `--again` is given.
+Each outcome is written atomically as soon as it is known. The next run continues from there: up-to-date results are
+skipped, and a replay is not repeated for the same code unless `--again` is given.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def differences(old: Any, new: Any, at: str = "") -> Iterator[Difference]:
     Args:
         old: The stored item, under today's names.
         new: The computed item.
-        at: The key of both, for what is yielded.
+        at: The key of both items, which begins the keys of the differences.
     """
     if isinstance(old, dict) and isinstance(new, dict):
         for key in [*old, *(key for key in new if key not in old)]:
@@ -170,17 +170,17 @@ def restamp(
         return True, "nothing changed since"
     record, files = evidence.stored(name), evidence.files_behind(evidence.ROOT / "evidence" / f"{name}.py")
     if changed := evidence.uncommitted(files):
-        return False, f"left alone: not committed: {', '.join(changed[:3])}"
+        return False, f"not changed: not committed: {', '.join(changed[:3])}"
     before = record.get("replayed", {})
     if before.get("code") == code(files) and not again and item in (None, before["item"]):
         return False, f"stale, as replayed on {before['date']}: {Difference(*before['difference'])}"
     item = item or ITEMS.get(name, next(iter(record["items"])))
     if item not in record["items"]:
-        return False, f"left alone: no item {item!r} is stored"
+        return False, f"not changed: no item {item!r} is stored"
     try:
         value, seconds = computed(name, item, limit_s)
     except Unreplayed as reason:
-        return False, f"left alone: item {item!r} {reason}"
+        return False, f"not changed: item {item!r} {reason}"
     all_differences = list(differences(record["items"][item], value))
     found = all_differences if (size := relative(all_differences)) is None or size > within else []
     replayed = {

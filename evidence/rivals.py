@@ -136,7 +136,7 @@ def _size(x: np.ndarray) -> float:
 
 
 def main() -> bool:
-    """Compare; bounds of colift must hold and be smaller than those of every baseline that holds with certainty."""
+    """Compare the bounds; those of colift must hold, and be smaller than those of every deterministic baseline."""
     certified, flights = [f"seed {seed}" for seed in SEEDS], CALIBRATION // AT_ONCE
     found = collect("rivals", [*certified, *(f"calibration {k}" for k in range(flights))], simulate_item)
     each = [found[item] for item in certified]
@@ -169,11 +169,15 @@ def main() -> bool:
         }
         output = ", ".join(f"{error} {over[error]:.3g}" for error in ERRORS)
         print(
-            f"{baseline:9} radius / observed, median: {output}; exceeded {broken['drawn']} and {broken['attack']} times"
+            f"{baseline:9} bound / observed error, median: {output}; "
+            f"exceeded {broken['drawn']} and {broken['attack']} times"
         )
         exceeded[baseline] = broken["drawn"] + (broken["attack"] if baseline != "conformal" else 0)
     many = len(SEEDS) * len(ERRORS)
-    print(f"of {many} errors as drawn and {many * len(TRIES)} under attack; conformal says {CONFIDENCE:.0%} of draws")
+    print(
+        f"of {many} errors for drawn residuals and {many * len(TRIES)} in trials; "
+        f"conformal level: {CONFIDENCE:.0%} of draws"
+    )
     spent = {
         name: np.median([one["computation_time_s"][name] for one in each]) for name in ("colift", "pointwise and L1")
     }

@@ -42,7 +42,7 @@ CONTROLLERS = {
 
 
 def run_controller(item: str) -> dict[str, Any]:
-    """Return what both programs print, and the reports of the sanitizers.
+    """Return the outputs of both programs, and the reports of the sanitizers.
 
     Args:
         item: One of `CONTROLLERS`.

@@ -5,7 +5,8 @@ A page quotes a result where it contains one of two markers, which HTML comments
 - ``<!-- evidence: NAME [NAME ...] -->``: the page states figures of these results in its own text or tables;
 - ``<!-- table: NAME[+NAME ...].TABLE -->``: a table that `docs/results_tables` generates from these results.
 
-The exit status is 1 where a page quotes a result that is missing or older than its code, and 2 for an unknown name.
+The exit status is 1 where a page quotes a result that is older than its code, and 2 for an unknown name. A page that
+quotes a missing result states that there is none.
 """
 
 from __future__ import annotations
@@ -36,9 +37,14 @@ def quoted(text: str) -> set[str]:
     return found
 
 
+def stored(name: str) -> bool:
+    """Return whether there is a result, current or not."""
+    return (evidence.RESULTS / f"{name}.json").exists()
+
+
 def state(name: str) -> tuple[bool, str]:
     """Return whether a result is up to date, and a line that states why or why not."""
-    if not (evidence.RESULTS / f"{name}.json").exists():
+    if not stored(name):
         return False, "no result yet"
     record, changed = evidence.stored(name), evidence.changed_files(name)
     at = f"{record['date']} at {(record.get('commit') or 'no commit')[:10]}"
@@ -80,9 +86,9 @@ def main(arguments: list[str], names: list[str]) -> int:
         where = page.relative_to(evidence.ROOT).as_posix()
         for name in sorted(quoted(page.read_text())):
             if name not in names:
-                print(f"{where}: quotes {name}, which is no result")
+                print(f"{where}: quotes {name}, which is not a result")
                 bad += 1
-            elif name in states and not states[name][0]:
-                print(f"{where}: quotes {name}, which is older than its code or missing")
+            elif name in states and not states[name][0] and stored(name):
+                print(f"{where}: quotes {name}, which is older than its code")
                 bad += 1
     return 1 if bad else 0

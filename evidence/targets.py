@@ -9,12 +9,12 @@ from typing import NamedTuple
 class Target(NamedTuple):
     """One target: `measured` must be at most `most`, or at least `least` if `most` is None."""
 
-    what: str
+    description: str
     measured: float
     most: float | None = None
     least: float | None = None
     unit: str = ""
-    note: str = ""  # spread and numbers of flights, for people
+    note: str = ""  # spread of the values, and number of flights
 
     @property
     def met(self) -> bool:
@@ -24,7 +24,7 @@ class Target(NamedTuple):
 
     def __str__(self) -> str:
         unit, note = f" {self.unit}" * bool(self.unit), f" ({self.note})" * bool(self.note)
-        return f"{self.what}: {self.measured:.3g}{unit}, {self.limit}{note}{'' if self.met else '; missed'}"
+        return f"{self.description}: {self.measured:.3g}{unit}, {self.limit}{note}{'' if self.met else '; missed'}"
 
     @property
     def limit(self) -> str:
@@ -44,5 +44,5 @@ def report(targets: Iterable[Target]) -> bool:
 
 def missed(targets: Iterable[Target]) -> str:
     """Return the names of the targets that are not met, or that all are."""
-    names = ", ".join(target.what for target in targets if not target.met)
+    names = ", ".join(target.description for target in targets if not target.met)
     return f"missed: {names}" if names else "all targets"

@@ -51,15 +51,16 @@ def as_new(settings: Scenario) -> Scenario:
 
 
 def random_search(before: gain_tuning.LoopDesign, spent: gain_tuning.EvaluationBudget) -> gain_tuning.LoopDesign:
-    """Return the best of as many designs, with logarithmic uniform gains from the search range of `tune`.
+    """Search the gains at random, with as many linearizations and simulations as `tune` used.
 
-    All loops are looked at, then the fastest are flown.
+    Gains are drawn log-uniformly from the search range of `tune`. All loops are linearized, and flights are simulated
+    with those that decay fastest.
     """
     rng, drawn = np.random.default_rng(0), [before]
     low, high = gain_tuning.search_bounds(before)
     for _ in range(spent.linearizations - 1):
         steps = rng.uniform(low, high)
-        with contextlib.suppress(ValueError):  # no rest
+        with contextlib.suppress(ValueError):  # no equilibrium
             drawn.append(gain_tuning.linearize_scenario(gain_tuning.scale_gains(before.settings, steps)))
     drawn.sort(key=lambda of: of.cost)
     flown = [

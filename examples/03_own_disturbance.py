@@ -1,4 +1,4 @@
-"""Own disturbance with time and state: a gust with a first-order lag on a plate that three vehicles carry.
+"""User-defined disturbance with time and state: a gust with a first-order lag on a plate that three vehicles carry.
 
 A disturbance is a `colift.math.pytree.pytree` that extends `colift.simulation.disturbances.DisturbanceModel`. A
 `PayloadDisturbance` attaches it to a point of the payload. In a scenario file it is an entry of `disturbances` of the

@@ -1,4 +1,4 @@
-"""Own parts of a controller: payload controllers, an allocator and a sensor for three vehicles with a plate.
+"""User-defined parts of a controller: payload controllers, an allocator and a sensor for three vehicles with a plate.
 
 Each part is a `colift.math.pytree.pytree` with the methods of a protocol in `colift.onboard.interfaces`, or of
 `colift.simulation.sensors.SensorModel`. The other parts stay as in the scenario. Run it with

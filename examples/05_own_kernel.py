@@ -1,4 +1,4 @@
-"""Own features and kernel of a learned residual model: position and velocity as inputs of the payload's model.
+"""User-defined features and kernel of a learned residual model: position and velocity as inputs of the payload's model.
 
 A kernel is a `colift.math.pytree.pytree` with a `__call__` of the squared distance in length-scales. Features are a
 `colift.onboard.learning.features.Features`. In a scenario file they are `plugins.features` and `plugins.kernel`; here

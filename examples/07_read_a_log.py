@@ -1,6 +1,7 @@
 """Log of a flight: labelled signals with units, read by xarray.
 
-`colift study` writes the same for every case, as `out/paper/C3.nc`. Run it with `python examples/07_read_a_log.py`.
+`colift study` writes such a log for every case, for example `out/paper/C3.nc`. Run the example with
+`python examples/07_read_a_log.py`.
 """
 
 from __future__ import annotations

@@ -98,11 +98,21 @@ def spread(values: Sequence[float], scale: float = 1.0) -> str:
     return number(x[0]) if len(x) == 1 else f"{number(np.median(x))} ({number(x.min())} to {number(x.max())})"
 
 
+class MissingResult(LookupError):
+    """A result is not stored: it has not been computed with the present code."""
+
+
 @functools.cache
 def record(name: str) -> dict[str, Any]:
-    """Return a stored result under the names of today."""
+    """Return a stored result under the names of today.
+
+    Raises:
+        MissingResult: If the result is not stored.
+    """
     import evidence
 
+    if not (evidence.RESULTS / f"{name}.json").exists():
+        raise MissingResult(name)
     return evidence.stored(name)
 
 
@@ -136,7 +146,7 @@ def targets(asked: Iterable[Any]) -> str:
     return markdown(
         header,
         (
-            (one.what, f"{number(one.measured)} {one.unit}".strip(), one.limit, one.met, one.note or None)
+            (one.description, f"{number(one.measured)} {one.unit}".strip(), one.limit, one.met, one.note or None)
             for one in asked
         ),
     )
@@ -144,7 +154,10 @@ def targets(asked: Iterable[Any]) -> str:
 
 def provenance(name: str) -> tuple[str, ...]:
     """Return how a result was computed: command, date, commit, machine, and the recomputed item of its stamp."""
-    made = record(name)
+    try:
+        made = record(name)
+    except MissingResult:
+        return f"`./dev evidence {name}`", "none", *"----"
     origin = made.get("computed", made)
     replay = made.get("replayed")
     stamp = f"{replay['item']!r}, {replay['date']}: {'equal' if replay['equal'] else 'different'}" if replay else "-"
@@ -159,7 +172,7 @@ def made(*names: str) -> str:
 
 
 def render(name: str) -> str:
-    """Return the table of a name.
+    """Return the table of a name, or the command that computes its results if one is not stored.
 
     Raises:
         KeyError: If there is no such table.
@@ -169,7 +182,10 @@ def render(name: str) -> str:
         return made(*results.split("+"))
     if name not in TABLES:
         raise KeyError(f"no table {name}; there are {', '.join(sorted(TABLES))}")
-    return TABLES[name]()
+    try:
+        return TABLES[name]()
+    except MissingResult as missing:
+        return f"There is no result for the present code. `./dev evidence {missing}` computes it."
 
 
 def fill(page: str, keep: bool = False) -> str:

@@ -58,8 +58,8 @@ def metrics() -> str:
 @table("orderings")
 def study_targets() -> str:
     """Targets of the study, each with the number of seeds on which it is met."""
-    proof, found = importlib.import_module("evidence.orderings"), items("orderings")
-    met = {seed: proof.targets(each) for seed, each in found.items()}
+    module, found = importlib.import_module("evidence.orderings"), items("orderings")
+    met = {seed: module.targets(each) for seed, each in found.items()}
     others = [seed for seed in met if seed != "0"]
     rows = []
     for name in met["0"]:
@@ -86,12 +86,12 @@ STUDY_TARGETS = {
 @table("orderings")
 def adaptive_targets() -> str:
     """Targets of `adaptive` over all seeds."""
-    proof, found = importlib.import_module("evidence.orderings"), list(items("orderings").values())
+    module, found = importlib.import_module("evidence.orderings"), list(items("orderings").values())
     e, mismatch = (
         {case: np.array([seed[case][key] for seed in found]) for case in found[0]}
         for key in ("e_p_rms_m", "delta_W_force_rms_N")
     )
-    return targets(proof.adaptive_targets(e, mismatch))
+    return targets(module.adaptive_targets(e, mismatch))
 
 
 # Changes --------------------------------------------------------------------------------------------------------------
@@ -270,7 +270,7 @@ def learning_curve() -> str:
         "position error [mm]",
         "return",
         "training seeds",
-        "flights lost",
+        "flights terminated early",
     )
     return markdown(header, rows)
 
@@ -285,7 +285,7 @@ def learning_target() -> str:
         sum(one["num_terminated"] for one in last),
     )
     rows = [
-        ("greatest final position error of PPO [mm]", worst, f"below {number(none)} (C1)", worst < none),
-        ("flights lost by the final policies", lost, "0", lost == 0),
+        ("largest final position error of PPO [mm]", worst, f"below {number(none)} (C1)", worst < none),
+        ("flights that end early under the final policies", lost, "0", lost == 0),
     ]
     return markdown(("target", "measured", "limit", "met"), rows)

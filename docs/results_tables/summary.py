@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
-from results_tables import CASES, items, limits, markdown, number, record, table
+from results_tables import CASES, MissingResult, items, limits, markdown, number, record, table
 from results_tables.certificate import METHODS, _array, _runs
 from results_tables.learning import _errors, _generalized, _mm
 
@@ -83,73 +84,115 @@ def _passed(name: str) -> str:
     return f"{sum(one['passed'] for one in found)} of {len(found)}"
 
 
-def _claims() -> Iterator[tuple[str, str, str, str, str, str]]:
-    """Yield result, page, claim, metric, value, and n with seeds."""
+Claim = tuple[str, str, str, str, str]
+"""Page, claim, metric, value, and n with seeds."""
+
+
+def _orderings() -> Iterator[Claim]:
     error, seeds = "RMS position error, median [mm]", _seeds("orderings")
     for case in ("C1", "C2", "C3", "adaptive", "true_residual"):
-        claim = f"tracking, `{case}` ({CASES[case]})"
-        yield "orderings", "tracking", claim, error, number(_median(case)), seeds
-    n = f"{len(items('changes'))} runs"
-    yield "changes", "changes", "`adaptive` after changes", "targets met", _met("changes"), n
+        yield "tracking", f"tracking, `{case}` ({CASES[case]})", error, number(_median(case)), seeds
+
+
+def _changes() -> Iterator[Claim]:
+    yield "changes", "`adaptive` after changes", "targets met", _met("changes"), f"{len(items('changes'))} runs"
+
+
+def _react() -> Iterator[Claim]:
     n = f"{len(items('react'))} draws"
-    yield "react", "random_environments", "`adaptive` in random environments", "targets met", _met("react"), n
+    yield "random_environments", "`adaptive` in random environments", "targets met", _met("react"), n
+
+
+def _generalization() -> Iterator[Claim]:
     found = _generalized()
     n = f"{len(found)} conditions, {len(found['home']['true_residual'])} seeds"
     metric = "best model, largest median ratio to `true_residual`"
-    yield "generalization", "generalization", "frozen models in other conditions", metric, _frozen(), n
-    yield from _bounds()
-    yield from _simulation()
-    n = f"{len(limits('curve')['SEEDS'])} training seeds"
-    metric = "final RMS position error, median [mm]"
-    yield "curve", "reinforcement_learning", "reinforcement learning (PPO)", metric, _policy(), n
-    metric = "teams that pass the safety check"
-    for result, claim in (("starts", "teams of `colift init`"), ("tuned", "gains of `colift tune`")):
-        yield result, "starts_and_tuning", claim, metric, _passed(result), f"{len(items(result))} teams"
+    yield "generalization", "frozen models in other conditions", metric, _frozen(), n
 
 
-def _bounds() -> Iterator[tuple[str, str, str, str, str, str]]:
-    """Return the claims on error bounds, in the form of `_claims`."""
-    metric, page = "position error bound over observed error, median", "certificate"
+def _error_bounds() -> Iterator[Claim]:
     for method in METHODS:
-        yield "rivals", page, f"error bound by {METHODS[method]}", metric, _bound(method), _rivals()
+        metric = "position error bound over observed error, median"
+        yield "certificate", f"error bound by {METHODS[method]}", metric, _bound(method), _rivals()
+
+
+def _certified() -> Iterator[Claim]:
     metric = "nominal position error over observed error, median [%]"
-    yield "certified", page, "share of the nominal trajectory in the error", metric, _nominal(), f"{len(_runs())} draws"
-    metric, n = (
-        "settings with at most the allowed failure rate",
-        f"{items('coverage')['summary']['num_draws']} draws a setting",
-    )
-    yield "coverage", page, "GP error bounds", metric, _rate(), n
+    yield "certificate", "share of the nominal trajectory in the error", metric, _nominal(), f"{len(_runs())} draws"
 
 
-def _simulation() -> Iterator[tuple[str, str, str, str, str, str]]:
-    """Return the claims on the plant and on generated code, in the form of `_claims`."""
+def _coverage() -> Iterator[Claim]:
+    n = f"{items('coverage')['summary']['num_draws']} draws a setting"
+    yield "certificate", "GP error bounds", "settings with at most the allowed failure rate", _rate(), n
+
+
+def _plant() -> Iterator[Claim]:
     row = items("plant")["summary"]["table"]["agreement"]
     metric, n = "largest relative error", f"{row['count']} teams"
-    yield "plant", "plant", "plant against Pinocchio", metric, number(row["worst"]), n
+    yield "plant", "plant against Pinocchio", metric, number(row["worst"]), n
+
+
+def _engines() -> Iterator[Claim]:
     apart = items("engines")["C1"]["differences"]["position_m"]
     metric = "largest difference of position [um]"
-    yield "engines", "plant", "plant against MuJoCo, `C1`", metric, number(1e6 * apart), "1, seed 0"
+    yield "plant", "plant against MuJoCo, `C1`", metric, number(1e6 * apart), "1, seed 0"
+
+
+def _drake() -> Iterator[Claim]:
     apart = items("drake")["C1"]["extrapolated"]["position_m"]
     metric = "largest difference of position, extrapolated [um]"
-    yield "drake", "plant", "plant against Drake, `C1`", metric, number(1e6 * apart), "1, seed 0"
+    yield "plant", "plant against Drake, `C1`", metric, number(1e6 * apart), "1, seed 0"
+
+
+def _onboard() -> Iterator[Claim]:
     one = items("onboard")["x86-64, AVX2"]
     metric, n = "time of a control step, median [us]", f"{int(one['steps'])} steps"
-    yield "onboard", "onboard_code", "generated C code, AVX2", metric, number(one["step_time_median_us"]), n
+    yield "onboard_code", "generated C code, AVX2", metric, number(one["step_time_median_us"]), n
 
 
-ALL = (
-    *("orderings", "changes", "react", "generalization", "rivals", "certified", "coverage", "plant", "engines"),
-    *("drake", "onboard", "curve", "starts", "tuned"),
-)
+def _curve() -> Iterator[Claim]:
+    metric, n = "final RMS position error, median [mm]", f"{len(limits('curve')['SEEDS'])} training seeds"
+    yield "reinforcement_learning", "reinforcement learning (PPO)", metric, _policy(), n
 
 
-@table("+".join(ALL))
+def _teams(result: str, claim: str) -> Callable[[], Iterator[Claim]]:
+    """Return the claim on teams that pass the safety check."""
+
+    def claims() -> Iterator[Claim]:
+        n = f"{len(items(result))} teams"
+        yield "starts_and_tuning", claim, "teams that pass the safety check", _passed(result), n
+
+    return claims
+
+
+CLAIMS: dict[str, Callable[[], Iterator[Claim]]] = {
+    "orderings": _orderings,
+    "changes": _changes,
+    "react": _react,
+    "generalization": _generalization,
+    "rivals": _error_bounds,
+    "certified": _certified,
+    "coverage": _coverage,
+    "plant": _plant,
+    "engines": _engines,
+    "drake": _drake,
+    "onboard": _onboard,
+    "curve": _curve,
+    "starts": _teams("starts", "teams of `colift init`"),
+    "tuned": _teams("tuned", "gains of `colift tune`"),
+}
+
+
+@table("+".join(CLAIMS))
 def claims() -> str:
-    """Return one row per claim: metric, value, n, seeds, command, page."""
-    rows = [
-        (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page.replace('_', ' ')}]({page}.md)")
-        for result, page, claim, metric, value, n in _claims()
-    ]
+    """Return one row per claim: metric, value, n, seeds, command, page. Claims without a result have no row."""
+    rows: list[tuple[str, ...]] = []
+    for result, found in CLAIMS.items():
+        with contextlib.suppress(MissingResult):
+            rows += [
+                (claim, metric, value, n, f"`{record(result)['command']}`", f"[{page.replace('_', ' ')}]({page}.md)")
+                for page, claim, metric, value, n in found()
+            ]
     return markdown(("claim", "metric", "value", "n, seeds", "command", "page"), rows)
 
 

@@ -37,7 +37,7 @@ def _columns(*cases: str) -> tuple[str, ...]:
 def random_teams() -> str:
     """Random teams with bound directions: targets, and flights by the verdict of the preflight check."""
     found = items("realization")
-    rows = [(each.what, each.measured, each.limit, each.met) for each in realization.targets(found)]
+    rows = [(each.description, each.measured, each.limit, each.met) for each in realization.targets(found)]
     for verdict in ("sound", "weak", "unsound"):
         chosen = [one for one in found.values() if one["verdict"] == verdict]
         for case in ("C1", "C3"):
@@ -57,7 +57,7 @@ def random_teams() -> str:
 def user_payloads() -> str:
     """Three vehicles with nine payloads: verdict, options that were typed, and C1."""
     found = items("payloads")
-    rows = [(each.what, each.measured, each.limit, each.met) for each in payloads.targets(found)]
+    rows = [(each.description, each.measured, each.limit, each.met) for each in payloads.targets(found)]
     for vehicle in user_teams.VEHICLES:
         chosen = [one for name, one in found.items() if name.split()[0] == vehicle]
         complete = [one for one in chosen if not one["C1"]["termination_reason"]]
@@ -71,7 +71,7 @@ def user_payloads() -> str:
 def drawn_teams() -> str:
     """Newly drawn teams: targets, and flights by the verdict of the preflight check."""
     found = items("verdicts")
-    rows = [(each.what, each.measured, each.limit, each.met) for each in verdicts.targets(found)]
+    rows = [(each.description, each.measured, each.limit, each.met) for each in verdicts.targets(found)]
     for verdict in ("sound", "weak", "unsound"):
         chosen = [one for one in found.values() if one["verdict"] == verdict]
         good = sum(map(verdicts.as_predicted, chosen))

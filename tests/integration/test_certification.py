@@ -107,7 +107,7 @@ def test_certificate_is_saved_and_printed(tmp_path, capsys, save):
 def test_assumptions_are_in_table_json_and_figure(tmp_path, capsys, save, drawn):
     """Unproven assumptions are named in table, JSON and figure, and none of them contains the word certified."""
     saved_values = save(made(), made())
-    text = "first order, less than a round"
+    text = "first order, less than a period"
     for radii in saved_values["ultimate_bounds"].values():
         assert ", ".join(radii["unproven_assumptions"]) == text
         assert radii["status"] == "assumed"

@@ -110,8 +110,9 @@ def check_yaw_gains(
     good = bound_axes.yaw_gains_within_limit(zero, float(k_R[2]), float(k_omega[2]))
     limits = bound_axes.MAX_YAW_STIFFNESS * zero**2, bound_axes.MAX_YAW_RATE_GAIN * zero
     message = (
-        f"yaw acts through bound tips with a zero at {zero:.3g} rad/s: control.k_R = {k_R[2]:.3g} 1/s^2 about z "
-        f"(limit {limits[0]:.3g}), control.k_omega = {k_omega[2]:.3g} 1/s (limit {limits[1]:.3g})"
+        f"no joint moves the tips along the tangent, so yaw has a right half-plane zero at {zero:.3g} rad/s: "
+        f"control.k_R = {k_R[2]:.3g} 1/s^2 about z (limit {limits[0]:.3g}), "
+        f"control.k_omega = {k_omega[2]:.3g} 1/s (limit {limits[1]:.3g})"
     )
     values = {"zero_radps": zero, "k_R_1ps2": float(k_R[2]), "k_omega_1ps": float(k_omega[2])}
     values |= {"max_k_R_1ps2": limits[0], "max_k_omega_1ps": limits[1]}
@@ -166,9 +167,9 @@ def check_translation_gains(settings: Scenario, limits: gain_limits.TranslationL
     most = limits.gains(gain_limits.LIMITS, settings.control.agent_k_omega)
     good = not limits.exceeded(settings.control)
     message = (
-        f"translation acts through bound tips with a zero at {limits.zero:.3g} rad/s: control.K_v = {present.K_v:.3g} "
-        f"1/s across the vertical (limit {most.K_v:.3g}), control.agent_k_R = {present.agent_k_R:.3g} 1/s^2 (limit "
-        f"{most.agent_k_R:.3g})"
+        f"agents rotate to apply horizontal forces, so translation has a right half-plane zero at {limits.zero:.3g} "
+        f"rad/s: control.K_v = {present.K_v:.3g} 1/s across the vertical (limit {most.K_v:.3g}), "
+        f"control.agent_k_R = {present.agent_k_R:.3g} 1/s^2 (limit {most.agent_k_R:.3g})"
     )
     values = {"zero_radps": limits.zero, "inertia_ratio": limits.inertia_ratio, "K_v_1ps": present.K_v}
     values |= {"max_K_v_1ps": most.K_v, "agent_k_R_1ps2": present.agent_k_R, "max_agent_k_R_1ps2": most.agent_k_R}
@@ -193,7 +194,7 @@ def _by_type(settings: Scenario, axes: Sequence[BoundAxis]) -> list[_TypeAxis]:
 
 
 def _label(direction: np.ndarray) -> str:
-    """Return the name of a base axis, or the angle from x of another direction."""
+    """Return the name of a direction: that of a base axis, or the angle from the x axis."""
     for name, unit in zip("xy", np.eye(3), strict=False):
         if abs(direction @ unit) > 0.999:
             return name

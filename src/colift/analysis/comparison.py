@@ -209,10 +209,10 @@ def conclude_comparison(cases: Sequence[ComparedCase], differing: Mapping[str, S
 def _load_run(folder: Path, name: str, cases: Sequence[str]) -> ComparedRun:
     """Load one run; raises ValueError or OSError if the folder cannot be used."""
     if not folder.is_dir():
-        raise ValueError(f"{folder} is no folder")
+        raise ValueError(f"{folder} is not a folder")
     path = folder / run_directory.SUMMARY_FILE
     if not path.is_file():
-        raise ValueError(f"{folder} is no run: it contains no {path.name}")
+        raise ValueError(f"{folder} is not a run: it contains no {path.name}")
     summary = result_files.load_summary(path)
     try:
         names = {file.name for file in folder.iterdir()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 CONCLUDED_CASES = ("C1", "C2", "C3", "adaptive")
@@ -40,6 +40,11 @@ def format_ratio(value: float | None, reference: float | None) -> str:
         return "none"
     ratio = value / reference
     return f"{ratio:.2f}" if 0.1 <= abs(ratio) < 100 else f"{ratio:.3g}" if abs(ratio) >= 100 else f"{ratio:.2g}"
+
+
+def list_assumptions(names: Iterable[str]) -> str:
+    """List the names of assumptions, separated by commas, with abbreviations in capital letters."""
+    return ", ".join(names).replace("rkhs", "RKHS")
 
 
 def join_words(words: Sequence[str]) -> str:

@@ -39,7 +39,7 @@ class Finding:
     message: str  # one sentence with values and units
     values: dict[str, Any]  # the values by name, with units in the names
     advice: tuple[str, ...] = ()  # proposed changes; empty if the check passed
-    level: Level = Level.passed
+    level: Level = Level.passed  # result of the check
 
     def format_lines(self) -> list[str]:
         """Format the finding for the terminal: one line, with advice below."""
@@ -56,8 +56,8 @@ def failure(subject: str, message: str, values: dict[str, Any], *advice: str) ->
 class PreflightReport:
     """All findings of a scenario; few if the team cannot be built or has no equilibrium."""
 
-    scenario: str
-    findings: tuple[Finding, ...]
+    scenario: str  # name of the scenario
+    findings: tuple[Finding, ...]  # in the order of the checks
 
     @property
     def verdict(self) -> Verdict:

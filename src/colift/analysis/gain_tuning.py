@@ -30,6 +30,7 @@ from colift.scenario import to_yaml as every_setting
 from colift.simulation import disturbances
 
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega", "posture_bandwidth")
+"""Settings of `control` that are tuned."""
 # Exponents of the gains in the tuned parameters: frequency w and damping d of payload position, payload attitude and
 # agent attitudes, and the posture bandwidth; for example `K_p = w^2`, `K_v = 2 d w`. A change of the frequency moves
 # both poles of a pair alike, also where they coincide.
@@ -37,7 +38,7 @@ TUNED_GAINS = np.array([
     [2, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0], [0, 0, 2, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0, 0],
     [0, 0, 0, 0, 2, 0, 0], [0, 0, 0, 0, 1, 1, 0], [0, 0, 0, 0, 0, 0, 1],
 ])  # fmt: skip
-DAMPING = np.array([False, True] * 3 + [False])
+DAMPING = np.array([False, True] * 3 + [False])  # whether a tuned parameter is a damping
 DESIGN_DELAY = 0.004  # s, twice the delay margin that the preflight check requires
 MAX_GAIN_RATIO = math.log(2)  # largest change of a tuned parameter, as a logarithm
 DIFFERENCE_STEP = 1e-3  # of a logarithm, for finite differences of Jacobians with an accuracy of about 1e-10
@@ -74,7 +75,7 @@ class LoopDesign:
         return math.ceil(DESIGN_DELAY * self.settings.control_Hz - 1e-9)
 
     def jacobians(self, M: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return a Jacobian M near this loop's without and with the design delay."""
+        """Return the Jacobian M of a similar loop, and that of the same loop with the design delay."""
         return M, stability.with_input_delay(self.equilibrium, M, self.delay_ticks)
 
     @property
@@ -91,7 +92,7 @@ class LoopDesign:
 class FlightCost:
     """Stable loop with its displacement of the contacts in simulation."""
 
-    loop: LoopDesign
+    loop: LoopDesign  # loop of the simulated flight
     error: float  # m, RMS displacement of the contacts
 
     @property
@@ -103,8 +104,8 @@ class FlightCost:
 class EvaluationBudget(NamedTuple):
     """Number of linearizations and of simulated flights."""
 
-    linearizations: int
-    simulations: int
+    linearizations: int  # number of linearizations
+    simulations: int  # number of simulated flights
 
 
 def linearize_scenario(settings: Scenario) -> LoopDesign:
@@ -235,21 +236,21 @@ class Objective(Protocol):
         ...
 
 
-C = TypeVar("C", bound=Objective)
-Slopes = tuple[np.ndarray, np.ndarray]
+DesignT = TypeVar("DesignT", bound=Objective)
+ValuesAndGradients = tuple[np.ndarray, np.ndarray]
 """Costs whose maximum is minimized, and their derivatives, one row each."""
 
 
 def minimize(
-    first: C,
-    evaluate: Callable[[np.ndarray], C | None],
-    gradients: Callable[[C], Slopes],
+    first: DesignT,
+    evaluate: Callable[[np.ndarray], DesignT | None],
+    gradients: Callable[[DesignT], ValuesAndGradients],
     start: np.ndarray,
     bounds: tuple[np.ndarray, np.ndarray],
     is_damping: np.ndarray,
     max_evaluations: int,
-    progress: Callable[[C, int], None] = lambda _best, _used: None,
-) -> tuple[C, np.ndarray, int]:
+    progress: Callable[[DesignT, int], None] = lambda _best, _used: None,
+) -> tuple[DesignT, np.ndarray, int]:
     """Minimize the largest cost by sequential linear programs within a trust region.
 
     Each program finds the smallest t with `c_i + (d c_i / d s) s <= t` and `|s| <= region`. An improving step is
@@ -261,7 +262,7 @@ def minimize(
         first: Design at the start.
         evaluate: Function that returns the design at given parameters; None if it does not exist there.
         gradients: Function that returns costs and gradients of a design.
-        start: Parameters of the start.
+        start: Initial parameters.
         bounds: Lower and upper bounds of the parameters.
         is_damping: Mask of the damping parameters.
         max_evaluations: Largest number of evaluations.
@@ -340,7 +341,7 @@ def _perturbed_scenarios(settings: Scenario) -> list[Scenario]:
     return [scale_gains(settings, DIFFERENCE_STEP * e, digits=15) for e in np.eye(len(tunable_gains(settings)))]
 
 
-def _mode_gradients(loop: LoopDesign) -> Slopes:
+def _mode_gradients(loop: LoopDesign) -> ValuesAndGradients:
     """Compute growth rates of the slowest modes and their gradients, by differences at the present equilibrium."""
     perturbed = [
         loop.jacobians(
@@ -349,14 +350,14 @@ def _mode_gradients(loop: LoopDesign) -> Slopes:
         for settings in _perturbed_scenarios(loop.settings)
     ]
     parts = [
-        decay_rates(M, [jacobians[k] for jacobians in perturbed], loop.experiment.dt)
+        growth_rates(M, [jacobians[k] for jacobians in perturbed], loop.experiment.dt)
         for k, M in enumerate(loop.jacobians(loop.step_jacobian))
     ]
     parts += [_mode_gradients(loop.with_learned_parameters)] if loop.with_learned_parameters else []
     return np.concatenate([rate for rate, _ in parts]), np.concatenate([slope for _, slope in parts])
 
 
-def _flight_gradients(cost: FlightCost) -> Slopes:
+def _flight_gradients(cost: FlightCost) -> ValuesAndGradients:
     """Compute the costs `e / -lambda_i` and their gradients; those of the error by simulations with the same noise.
 
     The gradient of the error is taken as zero for a flight that ends early.
@@ -380,7 +381,7 @@ def _flight_gradients(cost: FlightCost) -> Slopes:
     return costs, costs[:, None] * (error_gradient + slopes / -rates[:, None])
 
 
-def decay_rates(M: np.ndarray, perturbed: Sequence[np.ndarray], dt: float) -> Slopes:
+def growth_rates(M: np.ndarray, perturbed: Sequence[np.ndarray], dt: float) -> ValuesAndGradients:
     """Compute the growth rates `log |z| / dt` of the slowest eigenvalues and their derivatives.
 
     The derivative of an eigenvalue is `z' = w^H M' v / w^H v`, with right and left eigenvectors v and w.

@@ -20,7 +20,7 @@ from colift.scenario import Scenario, team
 MIN_BOUND_SHARE = 0.5
 """Share of the tangent along bound directions above which another heading is proposed."""
 
-Change = tuple[str, Scenario]
+ScenarioChange = tuple[str, Scenario]
 """Option to type, for example `--set agents.agent_1.yaw_deg=90`, and the changed scenario."""
 
 
@@ -50,7 +50,7 @@ def turns_to_tangent(settings: Scenario, truth: Team, state: State) -> dict[str,
     return turns
 
 
-def heading_change(settings: Scenario, turns: Mapping[str, float]) -> Change:
+def heading_change(settings: Scenario, turns: Mapping[str, float]) -> ScenarioChange:
     """Return the change of the headings of some agents by angles [deg]."""
     agents = tuple(
         agent.model_copy(update={"yaw_deg": float(f"{agent.yaw_deg + turns.get(agent.name, 0.0):.6g}")})
@@ -60,7 +60,7 @@ def heading_change(settings: Scenario, turns: Mapping[str, float]) -> Change:
     return option, settings.model_copy(update={"agents": agents})
 
 
-def heading_changes(settings: Scenario, truth: Team, state: State) -> Iterator[Change]:
+def heading_changes(settings: Scenario, truth: Team, state: State) -> Iterator[ScenarioChange]:
     """Yield scenarios in which the agents of `turns_to_tangent` have headings turned by 90 and -90 deg.
 
     Args:

@@ -1,4 +1,4 @@
-"""Benefit of learning: label errors compared with what is to be learned, and errors with and without learning.
+"""Benefit of learning: label errors compared with the residual forces, and errors with and without learning.
 
 A label is the sum of filtered sensor readings. A constant bias of the tip force sensors is learned like a disturbance;
 noise limits the accuracy. If bias or noise exceed the residual forces, learning increases the errors.
@@ -18,14 +18,14 @@ from colift.scenario.experiment import LEARNING_CASES
 
 NOISE_BANDWIDTH = 1.22  # noise-equivalent bandwidth of the critically damped second-order filter over its corner
 MIN_INCREASE = 1.05  # ratio of errors with and without learning from which a warning is given
-WITHOUT_LEARNING = "C1"
+WITHOUT_LEARNING = "C1"  # case to which the others are compared
 METRICS = {  # entries of the summary that learning should reduce
     "e_p_rms_m": "the position error",
     "e_R_rms": "the attitude error",
     "delta_W_force_rms_N": "the force mismatch",
     "delta_W_moment_rms_Nm": "the moment mismatch",
 }
-ATTITUDE = ("e_R_rms", "delta_W_moment_rms_Nm")
+ATTITUDE = ("e_R_rms", "delta_W_moment_rms_Nm")  # metrics of the attitude
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +90,7 @@ def label_quality(
 
 
 def describe_exceeded(found: Sequence[LabelQuality]) -> str:
-    """Describe the bodies whose label errors exceed what is to be learned.
+    """Describe the bodies whose label errors exceed the residual forces.
 
     Args:
         found: Label quality by body.

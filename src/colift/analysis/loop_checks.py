@@ -30,17 +30,17 @@ WEAK_DELAY_MARGIN = 0.010
 """Delay margin below which the loop is weak [s]."""
 WEAK_GAIN_MARGIN = (0.7, 1.4)
 """Gains of all commands with which the loop should be stable."""
-TURN_DIRECTIONS = ("roll", "pitch", "yaw")
+TURN_DIRECTIONS = ("roll", "pitch", "yaw")  # names of the components of a rotation vector
 
 
 @dataclasses.dataclass(frozen=True)
 class LoopAnalysis:
     """Linearized loop of one case at equilibrium."""
 
-    x: stability.LoopStateTree
-    M: np.ndarray
+    equilibrium: stability.LoopStateTree  # loop states by path
+    step_jacobian: np.ndarray  # of one tick at the equilibrium
     dt: float  # s, control period
-    modes: stability.Modes
+    modes: stability.Modes  # at the equilibrium
     margins: stability.Margins | None  # None if the loop is unstable or the margins are not known
     unknown_margins: str = ""  # reason for which the margins of a stable loop are not known
 
@@ -129,7 +129,9 @@ def check_mode(
             remedies.MIN_DECAY_RATE, 1 / (MAX_TIME_SHARE * settings.duration_s)
         )
         k = 0 if slow else least_damped_payload_mode(modes)
-        advice = remedies.stabilizing_changes(settings, loop.x, loop.M, progress, search, *((k,) if k else ()))
+        advice = remedies.stabilizing_changes(
+            settings, loop.equilibrium, loop.step_jacobian, progress, search, *((k,) if k else ())
+        )
     values = {"stable": modes.stable, "eigenvalue_radps": list(modes.slowest_eigenvalue)}
     if (k := least_damped_payload_mode(modes)) is not None:
         values["smallest_payload_damping"] = float(damping_ratios(modes)[k])
@@ -195,7 +197,7 @@ def is_redundant(settings: Scenario) -> bool:
 def check_posture(
     settings: Scenario, modes: stability.Modes, progress: Callable[[str], None], search: remedies.SearchBudget | None
 ) -> Iterator[Finding]:
-    """Check the convergence rate of the redundant joints; it is weak below half of the required rate.
+    """Check the convergence rate of the redundant joints; the finding is weak below half of the required rate.
 
     Args:
         settings: Scenario.
@@ -278,12 +280,16 @@ def check_margins(
     limits = {}
     if MIN_DELAY_MARGIN <= delay < WEAK_DELAY_MARGIN:
         ticks = round(WEAK_DELAY_MARGIN / loop.dt)
-        limits[f"a delay of {WEAK_DELAY_MARGIN:g} s"] = stability.vary_loop(loop.x, loop.M, loop.dt, ticks=ticks)
+        limits[f"a delay of {WEAK_DELAY_MARGIN:g} s"] = stability.vary_loop(
+            loop.equilibrium, loop.step_jacobian, loop.dt, ticks=ticks
+        )
     outside = smallest > WEAK_GAIN_MARGIN[0], largest < WEAK_GAIN_MARGIN[1]
     for gain, weak in zip(WEAK_GAIN_MARGIN, outside, strict=True):
         if weak:
-            limits[f"{gain:g} times the commands"] = stability.vary_loop(loop.x, loop.M, loop.dt, gain)
-    found = remedies.margin_changes(settings, loop.x, limits, search) if search and limits else {}
+            limits[f"{gain:g} times the commands"] = stability.vary_loop(
+                loop.equilibrium, loop.step_jacobian, loop.dt, gain
+            )
+    found = remedies.margin_changes(settings, loop.equilibrium, limits, search) if search and limits else {}
     advice, level = tuple(text for name, text in found.items() if "delay" in name), Level.passed
     if delay < MIN_DELAY_MARGIN:
         level = Level.failed
@@ -304,7 +310,7 @@ def check_margins(
 def check_disturbances(
     settings: Scenario, case_experiment: flight.Experiment, state: State, loop: LoopAnalysis
 ) -> Finding:
-    """Report how far the disturbances move the payload at rest; it is weak beyond the termination limits.
+    """Report how far the disturbances move the payload at rest; the finding is weak beyond the termination limits.
 
     Args:
         settings: Scenario.
@@ -315,7 +321,7 @@ def check_disturbances(
     Returns:
         The finding.
     """
-    p, theta = stability.rest_displacement(case_experiment, state, loop.x, loop.M)
+    p, theta = stability.rest_displacement(case_experiment, state, loop.equilibrium, loop.step_jacobian)
     distance, degrees = float(np.linalg.norm(p)), np.degrees(theta)
     largest = int(np.argmax(np.abs(degrees)))
     limits = settings.termination

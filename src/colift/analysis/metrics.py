@@ -21,7 +21,7 @@ HIGH_FREQUENCY_HZ = 20.0  # contact forces above it do not move the payload noti
 MAX_CONSTRAINT_RATE = 1e-9  # m/s, `|Phi_dot|` after a step; larger values indicate that the step is too long
 
 
-Samples = np.ndarray | jax.Array
+Samples = np.ndarray | jax.Array  # samples with time as the first axis
 
 
 def rms_norm(x: Samples) -> float:

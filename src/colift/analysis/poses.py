@@ -24,8 +24,9 @@ from colift.scenario.migration import migrate_data
 def scenario_of_log(ds: xr.Dataset) -> Scenario:
     """Return the scenario that is stored in a log, without the plugins of the user.
 
-    A log comes from anywhere, and loading a plugin executes its module. Therefore no plugin is loaded: disturbances and
-    sensor models that are plugins are omitted, actuators are ideal, and a reference is replaced by its first position.
+    A log can come from an untrusted source, and loading a plugin executes its module. Therefore no plugin is loaded:
+    disturbances and sensor models that are plugins are omitted, actuators are ideal, and a reference is replaced by its
+    first position.
 
     Args:
         ds: Dataset of a flight.

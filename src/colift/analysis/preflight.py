@@ -192,7 +192,7 @@ def _loop_findings(
     search: remedies.SearchBudget | None,
     before: Sequence[Finding],
 ) -> Iterator[Finding]:
-    """Check the linearized loop: first all levels, then the searches for advice."""
+    """Check the linearized loop: determine the levels of all findings, then search for advice."""
     findings = [
         loop_checks.check_mode(settings, loop, progress, None),
         *loop_checks.check_learned_mode(settings, case, progress),
@@ -415,7 +415,7 @@ def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:
 
 
 def _learnable(settings: Scenario, experiment: flight.Experiment, state: State) -> Iterator[Finding]:
-    """Report label errors that exceed what is to be learned; not evaluated with random residuals."""
+    """Report label errors that exceed the residual forces; not evaluated with random residuals."""
     if settings.random_residual is not None:
         return
     world = experiment.world

@@ -22,12 +22,12 @@ from colift.scenario import Scenario, schema, trajectories
 from colift.trajectories import base, minimum_snap, smoothing_spline
 
 MAX_OVERSHOOT = 0.2  # of the side of the box of the poses
-LEAST_OVERSHOOT = 0.01  # m
+MIN_OVERSHOOT = 0.01  # m
 SAMPLES = 4000  # times on the reference
-SAMPLES_PER_LEG = 33
-DENSE_TABLE = 20  # poses from which `kind: sampled` is proposed
-MAX_SHOWN_LEGS = 6
-TRIED_INTERVALS = 25
+SAMPLES_PER_LEG = 33  # times in each leg between waypoints
+MIN_TABLE_POSES = 20  # poses from which `kind: sampled` is proposed
+MAX_SHOWN_LEGS = 6  # legs that a message lists
+TRIED_INTERVALS = 25  # factors of a duration that a search evaluates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,7 +151,7 @@ def _overshoot(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Prob
     inside = motion.t <= given.end_s if isinstance(given, schema.Sampled) else np.ones(len(motion.t), bool)
     path = np.asarray(motion.d.p)[inside]
     beyond = np.maximum(low - path, path - high)
-    over = beyond / np.maximum(high - low, LEAST_OVERSHOOT / MAX_OVERSHOOT)
+    over = beyond / np.maximum(high - low, MIN_OVERSHOOT / MAX_OVERSHOOT)
     k, axis = np.unravel_index(np.argmax(np.where(over > MAX_OVERSHOOT, beyond, 0)), beyond.shape)
     if over[k, axis] <= MAX_OVERSHOOT:
         return
@@ -186,7 +186,7 @@ def _less_overshoot(given: schema.Waypoints | schema.Sampled, t: float, most: fl
 def _excess(p: np.ndarray, path: np.ndarray) -> float:
     """Return the largest overshoot of a path relative to the side of the box of the points."""
     side, low, high = np.ptp(p, axis=0), p.min(0), p.max(0)
-    return float((np.maximum(low - path, path - high) / np.maximum(side, LEAST_OVERSHOOT / MAX_OVERSHOOT)).max())
+    return float((np.maximum(low - path, path - high) / np.maximum(side, MIN_OVERSHOOT / MAX_OVERSHOOT)).max())
 
 
 def _snap_path(times: np.ndarray, p: np.ndarray, order: int) -> np.ndarray:
@@ -231,9 +231,11 @@ def _acceleration(settings: Scenario, team: Team, motion: _Motion) -> Iterator[P
     most = _largest_acceleration(team, a)
     if alone[k]:
         sentence = f"requires an angular acceleration of {turn:.3g} rad/s² at {t:.3g} s{_leg(given, t)}"
-        sentence += ", more than the agents have thrust for"
+        sentence += ", which exceeds the thrust of the agents"
     else:
-        sentence = f"accelerates by {size:.3g} m/s² at {t:.3g} s{_leg(given, t)}; the team has {most:.3g} m/s²"
+        sentence = (
+            f"accelerates by {size:.3g} m/s² at {t:.3g} s{_leg(given, t)}; the limit of the team is {most:.3g} m/s²"
+        )
     yield sentence, _less_acceleration(given, motion, t, most, float(ratio[k]), bool(alone[k])), values
 
 
@@ -276,7 +278,7 @@ def _largest_acceleration(team: Team, direction: np.ndarray) -> float:
 def _less_acceleration(
     given: schema.Waypoints | schema.Sampled, motion: _Motion, t: float, most: float, ratio: float, turning: bool
 ) -> str:
-    """Return a change that reduces the acceleration to what the team has."""
+    """Return a change that reduces the acceleration to that of the team."""
     if isinstance(given, schema.Sampled):
         return _less_acceleration_of_table(given, motion, t, most, ratio, turning)
     times, p = np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses])
@@ -284,11 +286,11 @@ def _less_acceleration(
     k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(T) - 1))
     if turning:
         return f"give leg {k + 1} {_rounded_up(T[k] * np.sqrt(ratio))} s or more (reference.poses: time_s)"
-    if len(times) >= DENSE_TABLE:
+    if len(times) >= MIN_TABLE_POSES:
         choices = smoothing_spline.fit_samples(times, p, np.broadcast_to(np.eye(3), (len(p), 3, 3))).choices
         if choices[-1][1] < most:
             return (
-                f"kind: sampled with these poses as a table takes the start velocity along and needs "
+                f"kind: sampled with these poses as a table keeps the start velocity and needs "
                 f"{choices[-1][1]:.3g} m/s²"
             )
     for factor in np.geomspace(1.1, 100, TRIED_INTERVALS):
@@ -317,7 +319,7 @@ def _less_acceleration_of_table(
 
 
 def _larger_deviation(name: str, fits: np.ndarray, limit: float) -> str:
-    """Return the least deviation with which the largest acceleration is within a limit; empty if it is no noise."""
+    """Return the least deviation with an acceleration within a limit; empty if it is too large for noise."""
     smoother = fits[fits[:, 1] < limit]
     if not len(smoother) or smoother[:, 0].min() > MAX_NOISE[name]:
         return ""

@@ -40,7 +40,7 @@ MIN_IMPROVEMENT = 0.2  # of the growth rate of a loop with scaled or delayed com
 GAINS = ("K_p", "K_v", "k_R", "k_omega", "agent_k_R", "agent_k_omega")  # gains of the agents last
 
 T = TypeVar("T")
-Change = headings.Change
+ScenarioChange = headings.ScenarioChange
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,7 +96,7 @@ def margin_changes(
     loops: Mapping[str, stability.VariedLoop],
     budget: SearchBudget,
 ) -> dict[str, str]:
-    """Find the gain whose change stabilizes a loop with other commands most, to first order.
+    """Find the change of a single gain that stabilizes a loop with delayed or scaled commands most, to first order.
 
     Args:
         settings: Scenario.
@@ -302,9 +302,9 @@ def posture_changes(
 ) -> tuple[str, ...]:
     """Find changes with which the redundant joints converge faster.
 
-    Changes that yield at least half of the required rate come first. Otherwise those are returned that yield a higher
-    rate than at present. Tried are the posture bandwidth, the agents' attitude gains, and the nominal position of the
-    slowest joint.
+    The function evaluates changes of the posture bandwidth, of the agents' attitude gains, and of the nominal position
+    of the slowest joint. It returns changes that yield at least half of the required rate; if there are none, it
+    returns changes that increase the present rate.
 
     Args:
         settings: Scenario.
@@ -365,7 +365,7 @@ def delay_margin_changes(
     return advice or (f"a reduction of single gains does not help: raise control_Hz above {settings.control_Hz:g}",)
 
 
-def contact_spacing_changes(settings: Scenario) -> Iterator[Change]:
+def contact_spacing_changes(settings: Scenario) -> Iterator[ScenarioChange]:
     """Yield scenarios with the contacts of every agent scaled about their mean."""
     for factor in (1.5, 2.0, 3.0, 4.0, 0.6):
         agents = []
@@ -381,7 +381,7 @@ def contact_spacing_changes(settings: Scenario) -> Iterator[Change]:
         yield option, settings.model_copy(update={"agents": tuple(agents)})
 
 
-def gain_changes(settings: Scenario, names: Sequence[str] = GAINS) -> Iterator[Change]:
+def gain_changes(settings: Scenario, names: Sequence[str] = GAINS) -> Iterator[ScenarioChange]:
     """Yield scenarios with each of some gains reduced and increased."""
     for name in names:
         present = np.array(getattr(settings.control, name))
@@ -390,7 +390,7 @@ def gain_changes(settings: Scenario, names: Sequence[str] = GAINS) -> Iterator[C
             yield control_change(settings, name, new if present.shape else new[0])
 
 
-def translation_change(settings: Scenario, limits: gain_limits.TranslationLimits) -> Change:
+def translation_change(settings: Scenario, limits: gain_limits.TranslationLimits) -> ScenarioChange:
     """Return the change to the gains that bound tips permit (`gain_limits.TranslationLimits.advise`).
 
     Args:
@@ -413,7 +413,7 @@ def translation_change(settings: Scenario, limits: gain_limits.TranslationLimits
     return " ".join(options), changed
 
 
-def posture_bandwidth_changes(settings: Scenario, rate: float) -> Iterator[Change]:
+def posture_bandwidth_changes(settings: Scenario, rate: float) -> Iterator[ScenarioChange]:
     """Yield scenarios with a lower posture bandwidth, or with a positive one if it is zero."""
     required = settings.control.posture_bandwidth
     for value in dict.fromkeys(float(f"{x:.2g}") for x in ((required / 2, rate) if required else (1.0, 3.0))):
@@ -421,7 +421,7 @@ def posture_bandwidth_changes(settings: Scenario, rate: float) -> Iterator[Chang
             yield control_change(settings, "posture_bandwidth", value)
 
 
-def control_change(settings: Scenario, name: str, value: float | list[float]) -> Change:
+def control_change(settings: Scenario, name: str, value: float | list[float]) -> ScenarioChange:
     """Return the change of one controller setting; equal gains are one number, others are quoted for the shell."""
     control = settings.control.model_copy(update={name: value})
     changed = settings.model_copy(update={"control": control})
@@ -432,7 +432,7 @@ def control_change(settings: Scenario, name: str, value: float | list[float]) ->
     return f"--set 'control.{name}=[{','.join(f'{x:g}' for x in value)}]'", changed
 
 
-def nominal_position_changes(settings: Scenario, name: str | None = None) -> Iterator[Change]:
+def nominal_position_changes(settings: Scenario, name: str | None = None) -> Iterator[ScenarioChange]:
     """Yield scenarios with the nominal position of a revolute joint changed by 0.2 rad.
 
     Args:
@@ -459,7 +459,7 @@ def nominal_position_changes(settings: Scenario, name: str | None = None) -> Ite
                 )
 
 
-def contact_height_changes(settings: Scenario) -> Iterator[Change]:
+def contact_height_changes(settings: Scenario) -> Iterator[ScenarioChange]:
     """Yield scenarios with all contacts moved up and down by 5 cm.
 
     The height determines whether the agents rotate about points above or below their centers of mass.

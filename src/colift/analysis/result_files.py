@@ -4,7 +4,7 @@ Keys are standard terms and end with the unit of the value, where it has one. `l
 rename the keys of schema 1, so that all readers use the present names.
 
 See Also:
-    colift.closed_loop.log: the same for logs of flights.
+    colift.closed_loop.log: reading of the logs of flights.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from colift.runtime import bounded_read
 SCHEMA = 2
 """Schema of the files that this version writes; files of version 0.1 have schema 1 and no entry `schema`."""
 
-Content = dict[str, Any]
+Content = dict[str, Any]  # content of a JSON object
 
-SUMMARY_KEYS = {
+SUMMARY_KEYS = {  # keys of schema 1 and their present names, here and below
     "settings": "settings_digest",
     "margins": "stability_margins",
     "limits": "termination_limits",
@@ -115,7 +115,7 @@ def load_summary(path: str | Path) -> Content:
         Content of the file with the keys of the present schema.
 
     Raises:
-        ValueError: If the file is no summary, damaged, or of a later schema.
+        ValueError: If the file is not a summary, is damaged, or has a later schema.
     """
     return _load(Path(path), "cases", _upgrade_summary, result_checks.SUMMARY_TYPES)
 
@@ -130,7 +130,7 @@ def load_certificate(path: str | Path) -> Content:
         Content of the file with the keys of the present schema.
 
     Raises:
-        ValueError: If the file is no certificate, damaged, or of a later schema.
+        ValueError: If the file is not a certificate, is damaged, or has a later schema.
     """
     return _load(Path(path), "observed", _upgrade_certificate, result_checks.CERTIFICATE_TYPES)
 

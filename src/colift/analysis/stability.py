@@ -50,12 +50,14 @@ LEARNING_STATES = (
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
     r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise|initialized)"
 )
-COMMAND = r"\.controller\.last_command\[\d+\]\..*"
+COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command in the loop state
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
 LABEL_FILTERS = r"\.estimator\.(agents\[\d+\]\.)?(label|inputs)\b"
+"""Paths of the states of the label filters."""
 LABELS = (
     rf"{LABEL_FILTERS}|\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench)\b"
 )
+"""Paths of the states of labels."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Modes:
     payload: np.ndarray  # (modes, 6) amplitudes of the payload's (theta, p)
     attitude: np.ndarray  # (modes, agents, 3) amplitudes of the agents' rotation vectors, body frame
     joints: np.ndarray  # (modes, joints) amplitudes of the joints, in team order
-    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")
+    names: tuple[str, ...] = ("theta_x", "theta_y", "theta_z", "p_x", "p_y", "p_z")  # of the amplitudes in `payload`
 
     @property
     def stable(self) -> bool:
@@ -414,7 +416,7 @@ def directional_derivative(experiment: flight.Experiment, state: State, x: LoopS
 class VariedLoop:
     """Fastest growing mode of a loop with a common gain of all commands, or with delayed commands."""
 
-    gain: float
+    gain: float  # common gain of all commands
     ticks: int  # delay
     growth: float  # 1/s
     dt: float  # s, control period

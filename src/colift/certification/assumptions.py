@@ -17,12 +17,12 @@ from colift.onboard.learning import residual_predictors
 from colift.simulation import disturbances
 from colift.simulation.sensors import SensorNoise
 
-FIRST_ORDER = "first order"
-NOISE = "sensor noise"
-SAMPLED = "sampled estimator"
-SATURATION = "saturation"
-PERIODICITY = "less than a round"
-MEAN = "posterior mean"
+FIRST_ORDER = "first order"  # the bounds hold for the linearized closed loop
+NOISE = "sensor noise"  # the effect of sensor noise is not bounded
+SAMPLED = "sampled estimator"  # the bounds hold at the true state
+SATURATION = "saturation"  # a thrust may saturate
+PERIODICITY = "less than a period"  # errors are evaluated over less than a period of the reference
+MEAN = "posterior mean"  # the prediction is not a posterior mean
 
 
 def status_label(names: Collection[str]) -> str:
@@ -59,11 +59,11 @@ def certificate_assumptions(experiment: flight.Experiment, may_saturate: bool, f
     )
 
 
-def radius_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
+def logged_bound_assumptions(experiment: flight.Experiment) -> tuple[str, ...]:
     """Return the assumptions of the logged error bounds `rho_bar` about the prediction `f_hat`.
 
     A bound concerns the posterior mean at the true state. The controller uses the mean at the estimated state. In some
-    cases (disturbance observer, identified parameters, true residual) the prediction is no posterior mean.
+    cases (disturbance observer, identified parameters, true residual) the prediction is not a posterior mean.
 
     Args:
         experiment: Experiment of the run.

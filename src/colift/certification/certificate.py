@@ -32,7 +32,7 @@ from colift.onboard.learning import confidence_bounds
 Matrix = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-BOUNDS = (*confidence_bounds.ONLINE_BOUNDS, "recovery")
+BOUNDS = (*confidence_bounds.ONLINE_BOUNDS, "recovery")  # bounds of the prediction error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +111,7 @@ class Certificate:
         errors: Observed error components, `(times, 12)`.
         intervals: Error intervals of the best bound: "a_posteriori" for the path of the run, "a_priori" for every run
             in the tube.
-        bound: A posteriori bound of e_p by the best bound, `(times,)` [m].
+        bound: A posteriori bound of e_p by the tightest method, `(times,)` [m].
         worst_time: Time at which `bound` is largest [s].
         worst_direction: Direction of the largest bound, a unit vector `(3,)`; NaN if the bound is infinite.
     """

@@ -36,7 +36,7 @@ from colift.onboard.learning.prediction_uncertainty import ModelInterval
 from colift.runtime import signals
 
 Matrix = NDArray[np.float64]
-Nodes = Sequence[int] | NDArray[np.integer]
+Nodes = Sequence[int] | NDArray[np.integer]  # ticks at which the loop is linearized
 
 MAX_NODE_SPACING = 0.04  # maximum time between nodes [s]
 CHUNK_NODES = 16  # nodes per chunk of the adjoint recursion

@@ -34,7 +34,7 @@ from colift.trajectories import lissajous
 
 Matrix = NDArray[np.float64]
 
-ERRORS = ("e_p", "e_v", "e_R", "e_omega")
+ERRORS = ("e_p", "e_v", "e_R", "e_omega")  # tracking errors of position, velocity, attitude and angular velocity
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +55,7 @@ class EvaluationGrid:
 def check_supported(experiment: Experiment) -> None:
     """Check that the equations of the certificate hold for all parts of an experiment.
 
-    Supported are the paper's payload controller, learned residual models, and the built-in allocators, agent
+    Supported parts are the paper's payload controller, learned residual models, and the built-in allocators, agent
     controllers and plant. Actuators and sensors with internal states are not supported.
 
     Args:

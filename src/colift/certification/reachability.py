@@ -134,7 +134,7 @@ def functional_bound(beta: Matrix, shift: Matrix, sigma: Matrix) -> Matrix:
         sigma: `sigma(l)`; see `band_bound`.
 
     Returns:
-        `(2, ...)`; infinite where beta is.
+        `(2, ...)`; infinite where beta is infinite.
     """
     width = np.where(np.isinf(beta), np.inf, beta * sigma)
     return np.stack([width + shift, width - shift])
@@ -143,7 +143,7 @@ def functional_bound(beta: Matrix, shift: Matrix, sigma: Matrix) -> Matrix:
 def recovery_bound(
     body: BodyModel, weights: Matrix, band: Matrix, progress: Callable[[], None] = lambda: None
 ) -> Matrix:
-    """Compute upper bounds like `functional_bound` by optimal recovery of every functional.
+    """Compute the upper bounds of `functional_bound` more tightly, by optimal recovery of every functional.
 
     The result does not exceed `band`. Outputs with a negligible contribution keep the value of `band`. Errors are
     raised as by `optimal_recovery.minimize_upper_bounds`.

@@ -312,11 +312,13 @@ def _violations(violations: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _assumptions(names: Mapping[str, Sequence[str]]) -> list[str]:
     """Return a line with the assumptions of all bounds and a line for each bound with additional ones."""
+    from colift.analysis import conclusions
+
     common_names = [name for name in next(iter(names.values()), []) if all(name in each for each in names.values())]
-    lines = [f"assumed: {', '.join(common_names)}"] if common_names else []
+    lines = [f"assumed: {conclusions.list_assumptions(common_names)}"] if common_names else []
     for bound, each in names.items():
         additional = [name for name in each if name not in common_names]
-        lines += [f"assumed by {bound} also: {', '.join(additional)}"] if additional else []
+        lines += [f"assumed by {bound} also: {conclusions.list_assumptions(additional)}"] if additional else []
     return lines
 
 

@@ -1,6 +1,6 @@
 """Options, error handling and progress output that the commands share.
 
-Modules of the library are imported inside functions. Only the commands that use them pay for their import time.
+Modules of the library are imported inside functions, so that only the commands that use them import them.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def print_wrapped(lines: Sequence[str], indent: int) -> None:
         lines: Lines of text.
         indent: Number of spaces before continuation lines.
     """
-    width = shutil.get_terminal_size((0, 0)).columns  # 0 if the output is no terminal and COLUMNS is not set
+    width = shutil.get_terminal_size((0, 0)).columns  # 0 if the output is not a terminal and COLUMNS is not set
     for line in lines:
         if len(line) <= width or width <= 2 * indent:
             print(line)

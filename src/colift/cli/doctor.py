@@ -20,7 +20,7 @@ from colift.runtime import cache
 PACKAGES = ("colift", "jax", "jaxlib", "numpy", "scipy", "pydantic", "h5netcdf", "clarabel", "mujoco")
 """Packages whose versions are reported."""
 TOLERANCE = 1e-12
-"""Largest accepted difference of native code and JAX, relative to the largest entry; covers the order of summation."""
+"""Largest accepted difference of native code and JAX, relative to the largest entry: rounding in another order."""
 
 
 def run_diagnostics() -> dict[str, Any]:

@@ -267,14 +267,14 @@ def _require_writable(out: Path) -> None:
         common.fail(f"--out {out}: the folder {out.parent} does not exist or is not writable")
 
 
-Values = dict[str, float | str]
+Values = dict[str, float | str]  # values of a design, for the report
 
 
 class BestGains:
     """Scenario file of `tune`, which contains the best gains of the search so far.
 
-    Each improvement replaces the file atomically. A request to end writes the last improvement, or the initial gains;
-    so does a forced termination, which calls `save_if_interrupted` in another thread.
+    Each improvement replaces the file atomically. A request to end writes the last improvement, or the initial gains. A
+    forced termination writes them by `save_if_interrupted` in another thread.
     """
 
     def __init__(self, settings: Scenario, written: str | None, out: Path) -> None:

@@ -123,7 +123,7 @@ def linearize(onboard_controller: controller.LeaderFollowerController, state: St
     """Linearize the closed loop at an equilibrium on the constraint manifold, on the host.
 
     The result is `A = T^T J T`, where T is a basis of the directions that keep Phi and Phi_dot at zero. The control law
-    uses the measured acceleration, which the law itself causes: `a = a(z, a, f~)` is solved to first order. The input
+    uses the measured acceleration, which depends on the command: `a = a(z, a, f~)` is solved to first order. The input
     f~ is the residual minus its prediction if the residual predictor of the controller returns zero.
 
     Args:

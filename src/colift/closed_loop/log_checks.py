@@ -18,7 +18,7 @@ from colift.closed_loop import log_signals
 from colift.runtime import text
 
 CORRECTION = ("correction_L_", "correction_x")
-"""Begin of the names of the correction, which only controllers with a residual corrector log."""
+"""Prefixes of the correction, which only controllers with a residual corrector log."""
 CORRECTOR = (
     "correction_std_",
     "correction_weight_",
@@ -28,7 +28,7 @@ CORRECTOR = (
     "label_valid",
     "model_pred",
 )
-"""Begin of the names of other variables of a residual corrector, which logs of older schemas lack."""
+"""Prefixes of the other variables of a residual corrector, which logs of older schemas lack."""
 COMPUTED = ("p_base",)
 """Variables that logs of older schemas lack."""
 DIM_SIZES = {"axis": 3, "body_axis": 3, "quaternion": 4}
@@ -83,7 +83,7 @@ def _labels(ds: xr.Dataset) -> Iterator[str]:
         if dim not in ds.coords and order not in ds.coords:
             continue
         if dim not in ds.coords or order not in ds.coords or ds[order].dims != (dim,) or ds[order].dtype.kind != "i":
-            yield f"the coordinates {dim} and {order} must come together"
+            yield f"the coordinates {dim} and {order} must occur together"
         else:
             places += ds[order].values.tolist()
     if sorted(places) != list(range(len(places))):

@@ -17,10 +17,10 @@ import xarray as xr
 class SignalSpec(NamedTuple):
     """Metadata of a logged variable; `dims` follow the time dimension."""
 
-    dims: tuple[str, ...]
-    units: str
-    frame: str
-    long_name: str
+    dims: tuple[str, ...]  # dimensions after the time
+    units: str  # as parsed by `pint`; 1 if dimensionless
+    frame: str  # reference frame of the components
+    long_name: str  # meaning
 
 
 AXES = ("x", "y", "z")
@@ -92,29 +92,37 @@ SIGNALS = {
     **_wrench("W_d", NEWTON, "desired payload wrench W_d"),
     **_wrench("delta_W", NEWTON, "wrench mismatch Delta W = G lambda_app - W_d"),
     "eta": SignalSpec(("eta_index",), "N", "coordinates in the kernel of G", "internal-force input eta"),
-    **_wrench("f_L", NEWTON, "payload residual f_uk,L of the nominal model, exact"),
-    **_wrench("f_L_hat", NEWTON, "payload residual f_uk,L, predicted"),
-    "f_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "agent residual f_x, exact"),
-    "f_w": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "agent residual f_omega, exact"),
-    **_joints("f_r", TORQUE, "agent residual f_r, exact"),
-    "f_x_hat": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "agent residual f_x, predicted"),
-    "f_w_hat": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "agent residual f_omega, predicted"),
-    **_joints("f_r_hat", TORQUE, "agent residual f_r, predicted"),
+    **_wrench("f_L", NEWTON, "true payload residual: wrench that the nominal model does not explain"),
+    **_wrench("f_L_hat", NEWTON, "predicted payload residual"),
+    "f_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "true residual force on an agent"),
+    "f_w": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "true residual moment on an agent"),
+    **_joints("f_r", TORQUE, "true residual joint torque or force"),
+    "f_x_hat": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "predicted residual force on an agent"),
+    "f_w_hat": SignalSpec(AGENT_VECTOR_DIMS, "N m", "base", "predicted residual moment on an agent"),
+    **_joints("f_r_hat", TORQUE, "predicted residual joint torque or force"),
     "Phi": SignalSpec((), "m", "none", "largest constraint violation |Phi|"),
     "Phi_dot": SignalSpec((), "m/s", "none", "largest constraint rate |dPhi/dt|"),
     "min_delassus_singular_value": SignalSpec(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
     **_wrench("correction_L", NEWTON, "correction of the payload residual, as applied"),
-    "correction_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "correction of the agent residual f_x, as applied"),
+    "correction_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "correction of the residual force on an agent, as applied"
+    ),
     **_wrench("correction_std_L", NEWTON, "standard deviation of the corrected payload residual"),
-    "correction_std_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the corrected f_x"),
-    **_wrench("correction_weight_L", ONE, "share of the estimated error of the payload model that is applied"),
+    "correction_std_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the corrected residual force on an agent"
+    ),
+    **_wrench("correction_weight_L", ONE, "applied share of the estimated error of the payload model"),
     "correction_weight_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "1", "world", "share of the estimated error of the f_x model that is applied"
+        AGENT_VECTOR_DIMS, "1", "world", "applied share of the estimated error of the agent force model"
     ),
     **_wrench("label_L", NEWTON, "label of the payload before the label filter"),
-    "label_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "label of f_x before the label filter"),
+    "label_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "label of the residual force on an agent before the label filter"
+    ),
     **_wrench("model_prediction_L", NEWTON, "payload residual predicted by the model without correction"),
-    "model_prediction_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "f_x predicted by the model without correction"),
+    "model_prediction_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "residual force on an agent predicted by the model without correction"
+    ),
     "label_valid": SignalSpec((), "1", "none", "1 in periods with a label, otherwise 0"),
     "correction_nis": SignalSpec((), "1", "none", "normalized innovation squared of the correction, mean of outputs"),
 }
@@ -125,61 +133,87 @@ time: their sign does not change between two ticks.
 """
 
 UNCERTAINTY_SIGNALS = {
-    **_wrench("sigma_f_L", NEWTON, "posterior standard deviation of the payload residual f_uk,L"),
-    "sigma_f_x": SignalSpec(AGENT_VECTOR_DIMS, "N", "world", "posterior standard deviation of the agent residual f_x"),
+    **_wrench("sigma_f_L", NEWTON, "posterior standard deviation of the payload residual"),
+    "sigma_f_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "posterior standard deviation of the residual force on an agent"
+    ),
     "sigma_f_w": SignalSpec(
-        AGENT_VECTOR_DIMS, "N m", "base", "posterior standard deviation of the agent residual f_omega"
+        AGENT_VECTOR_DIMS, "N m", "base", "posterior standard deviation of the residual moment on an agent"
     ),
-    **_joints("sigma_f_r", TORQUE, "posterior standard deviation of the agent residual f_r"),
+    **_joints("sigma_f_r", TORQUE, "posterior standard deviation of the residual joint torque or force"),
     "sigma_L": SignalSpec(
-        (), "N", "none", "sigma_L = |Sigma_L^(1/2)|, Frobenius norm over forces and moments; moments divided by 1 m"
+        (),
+        "N",
+        "none",
+        "posterior standard deviation of the payload residual, norm over forces and moments; moments divided by 1 m",
     ),
-    "sigma_L_force": SignalSpec((), "N", "none", "force part of sigma_L"),
-    "sigma_L_moment": SignalSpec((), "N m", "none", "moment part of sigma_L"),
+    "sigma_L_force": SignalSpec((), "N", "none", "posterior standard deviation of the payload residual force, norm"),
+    "sigma_L_moment": SignalSpec(
+        (), "N m", "none", "posterior standard deviation of the payload residual moment, norm"
+    ),
     "sigma_A": SignalSpec(
-        (), "N", "none", "sigma_A = sum_j |Sigma_j^(1/2)|, Frobenius norm over all outputs; moments divided by 1 m"
+        (),
+        "N",
+        "none",
+        "posterior standard deviation of the residuals, norm over all outputs, sum over agents; moments divided by 1 m",
     ),
-    "sigma_A_force": SignalSpec((), "N", "none", "sum over agents of the norm of the f_x part of sigma_A"),
+    "sigma_A_force": SignalSpec(
+        (), "N", "none", "posterior standard deviation of the residual forces on the agents, norm, sum over agents"
+    ),
     "sigma_A_moment": SignalSpec(
         (),
         "N m",
         "none",
-        "sum over agents of the norm of the (f_omega, f_r) part of sigma_A; forces of prismatic joints times 1 m",
+        "posterior standard deviation of moments and joint torques, norm, sum over agents; prismatic joints times 1 m",
     ),
-    **_wrench("label_bias_std_f_L", NEWTON, "standard deviation of the label bias of f_uk,L, from data sheets"),
+    **_wrench("label_bias_std_f_L", NEWTON, "standard deviation of the bias of the payload labels, from data sheets"),
     "label_bias_std_f_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the label bias of f_x, from data sheets"
+        AGENT_VECTOR_DIMS,
+        "N",
+        "world",
+        "standard deviation of the bias of the force labels of an agent, from data sheets",
     ),
     "label_bias_std_f_w": SignalSpec(
-        AGENT_VECTOR_DIMS, "N m", "base", "standard deviation of the label bias of f_omega, from data sheets"
+        AGENT_VECTOR_DIMS,
+        "N m",
+        "base",
+        "standard deviation of the bias of the moment labels of an agent, from data sheets",
     ),
-    **_joints("label_bias_std_f_r", TORQUE, "standard deviation of the label bias of f_r, from data sheets"),
-    **_wrench("predictive_std_f_L", NEWTON, "predictive standard deviation of the payload residual f_uk,L"),
+    **_joints(
+        "label_bias_std_f_r", TORQUE, "standard deviation of the bias of the joint torque labels, from data sheets"
+    ),
+    **_wrench("predictive_std_f_L", NEWTON, "predictive standard deviation of the payload residual"),
     "predictive_std_f_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "predictive standard deviation of the agent residual f_x"
+        AGENT_VECTOR_DIMS, "N", "world", "predictive standard deviation of the residual force on an agent"
     ),
-    **_wrench("rho_f_L", NEWTON, "error bound of the predicted payload residual f_uk,L, by output"),
+    **_wrench("rho_f_L", NEWTON, "error bound of the predicted payload residual, by component"),
     "rho_f_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "error bound of the predicted agent residual f_x, by output"
+        AGENT_VECTOR_DIMS, "N", "world", "error bound of the predicted residual force on an agent, by component"
     ),
     "rho_f_w": SignalSpec(
-        AGENT_VECTOR_DIMS, "N m", "base", "error bound of the predicted agent residual f_omega, by output"
+        AGENT_VECTOR_DIMS, "N m", "base", "error bound of the predicted residual moment on an agent, by component"
     ),
-    **_joints("rho_f_r", TORQUE, "error bound of the predicted agent residual f_r, by output"),
+    **_joints("rho_f_r", TORQUE, "error bound of the predicted residual joint torque or force"),
     "rho_bar_L": SignalSpec(
         (),
         "N",
         "none",
-        "rho_bar_L, bound of |f_uk,L - f_hat_L|, norm over forces and moments; moments divided by 1 m",
+        "error bound of the predicted payload residual, norm over forces and moments; moments divided by 1 m",
     ),
-    "rho_bar_L_force": SignalSpec((), "N", "none", "force part of rho_bar_L"),
-    "rho_bar_L_moment": SignalSpec((), "N m", "none", "moment part of rho_bar_L"),
+    "rho_bar_L_force": SignalSpec((), "N", "none", "error bound of the predicted payload residual force, norm"),
+    "rho_bar_L_moment": SignalSpec((), "N m", "none", "error bound of the predicted payload residual moment, norm"),
     "rho_bar_j": SignalSpec(
-        AGENT, "N", "none", "rho_bar_j, bound of |f_uk,j - f_hat_j|, norm over all outputs; moments divided by 1 m"
+        AGENT,
+        "N",
+        "none",
+        "error bound of the predicted residual of an agent, norm over all outputs; moments divided by 1 m",
     ),
-    "rho_bar_j_force": SignalSpec(AGENT, "N", "none", "f_x part of rho_bar_j"),
+    "rho_bar_j_force": SignalSpec(AGENT, "N", "none", "error bound of the predicted residual force on an agent, norm"),
     "rho_bar_j_moment": SignalSpec(
-        AGENT, "N m", "none", "(f_omega, f_r) part of rho_bar_j; forces of prismatic joints times 1 m"
+        AGENT,
+        "N m",
+        "none",
+        "error bound of the predicted moment and joint torques of an agent, norm; prismatic joints times 1 m",
     ),
 }
 """Variables on the coarser axis `time_sigma`: posterior, label bias, predictive standard deviation and error bounds.
@@ -316,10 +350,10 @@ def all_joints(ds: xr.Dataset, name: str) -> xr.DataArray:
         columns if the team has no joints.
 
     Raises:
-        KeyError: If there is no joint signal of this name.
+        KeyError: If there is not a joint signal of this name.
     """
     if f"{name}_prismatic" not in SPECS:
-        raise KeyError(f"{name} is no joint signal")
+        raise KeyError(f"{name} is not a joint signal")
     time = "time" if name in SIGNALS else "time_sigma"
     found = [(ds[part], dim) for part, (dim,) in ((name, JOINT), (f"{name}_prismatic", PRISMATIC_JOINT)) if part in ds]
     values = np.concatenate([np.zeros((ds.sizes[time], 0)), *(x.values for x, _ in found)], axis=1)

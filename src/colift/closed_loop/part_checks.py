@@ -1,4 +1,4 @@
-"""Checks of parts that are not colift's own, before a simulation is compiled.
+"""Checks of user-defined parts, before a simulation is compiled.
 
 Each part is called once on abstract values. An error names the part, the method, what the interface requires and what
 was returned.
@@ -60,14 +60,14 @@ class PartError(TypeError):
 
 
 def check_parts(experiment: Experiment[World]) -> None:
-    """Check the parts of an experiment that are not colift's own.
+    """Check the user-defined parts of an experiment.
 
     Args:
         experiment: Experiment; parts of a user are called once on abstract values.
 
     Raises:
-        PartError: If a part is no PyTree, lacks a method, returns another structure, shape or type than its interface
-            requires, or if a Python condition depends on an array.
+        PartError: If a part is not a PyTree, lacks a method, returns another structure, shape or type than its
+            interface requires, or if a Python condition depends on an array.
     """
     world, controller, clock = experiment.world, experiment.controller, _clock(experiment.dt)
     if isinstance(world, SimulatedWorld):
@@ -167,7 +167,7 @@ class _CheckedPart:
 
 
 def check_reference(reference: object) -> None:
-    """Check a reference trajectory that is not colift's own.
+    """Check a user-defined reference trajectory.
 
     Args:
         reference: Reference trajectory.
@@ -191,7 +191,7 @@ def check_reference(reference: object) -> None:
 
 
 def check_disturbance(name: str, model: disturbances.DisturbanceModel) -> None:
-    """Check a disturbance that is not colift's own.
+    """Check a user-defined disturbance.
 
     Args:
         name: Name of the disturbance.

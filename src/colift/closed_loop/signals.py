@@ -33,59 +33,59 @@ class StepRecord:
     the controller has a residual corrector.
     """
 
-    t: Float[Array, "*time"]
-    p: Float[Array, "*time 3"]
-    v: Float[Array, "*time 3"]
-    R_L: Float[Array, "*time 3 3"]
-    omega_L: Float[Array, "*time 3"]
-    a_L: Float[Array, "*time 6"]
-    p_d: Float[Array, "*time 3"]
-    e_p: Float[Array, "*time 3"]
-    e_v: Float[Array, "*time 3"]
-    e_R: Float[Array, "*time 3"]
-    e_omega: Float[Array, "*time 3"]
-    Psi: Float[Array, "*time"]
-    R: Float[Array, "*time agents 3 3"]
-    x: Float[Array, "*time agents 3"]
-    omega: Float[Array, "*time agents 3"]
-    v_agent: Float[Array, "*time agents 3"]
-    r: Float[Array, "*time joints"]
-    r_dot: Float[Array, "*time joints"]
-    u: Float[Array, "*time agents"]
-    tau: Float[Array, "*time agents 3"]
-    tau_r: Float[Array, "*time joints"]
-    thrust_saturated: Bool[Array, "*time agents"]
-    lam: Float[Array, "*time contacts 3"]
-    lam_cmd: Float[Array, "*time contacts 3"]
-    lam_hat: Float[Array, "*time contacts 3"]
-    R_L_hat: Float[Array, "*time 3 3"]
-    W_d: Float[Array, "*time 6"]
-    delta_W: Float[Array, "*time 6"]
-    eta: Float[Array, "*time eta"]
-    f_L: Float[Array, "*time 6"]
-    f_L_hat: Float[Array, "*time 6"]
-    f_x: Float[Array, "*time agents 3"]
-    f_w: Float[Array, "*time agents 3"]
-    f_r: Float[Array, "*time joints"]
-    f_x_hat: Float[Array, "*time agents 3"]
-    f_w_hat: Float[Array, "*time agents 3"]
-    f_r_hat: Float[Array, "*time joints"]
-    Phi: Float[Array, "*time"]
-    Phi_dot: Float[Array, "*time"]
-    min_delassus_singular_value: Float[Array, "*time agents"]
+    t: Float[Array, "*time"]  # s, time of the tick
+    p: Float[Array, "*time 3"]  # m, payload position, world
+    v: Float[Array, "*time 3"]  # m/s, payload velocity, world
+    R_L: Float[Array, "*time 3 3"]  # payload attitude, payload to world
+    omega_L: Float[Array, "*time 3"]  # rad/s, payload angular velocity, payload frame
+    a_L: Float[Array, "*time 6"]  # m/s^2 and rad/s^2, payload acceleration, world and payload frame
+    p_d: Float[Array, "*time 3"]  # m, desired payload position, world
+    e_p: Float[Array, "*time 3"]  # m, position error, world
+    e_v: Float[Array, "*time 3"]  # m/s, velocity error, world
+    e_R: Float[Array, "*time 3"]  # attitude error, payload frame
+    e_omega: Float[Array, "*time 3"]  # rad/s, angular velocity error, payload frame
+    Psi: Float[Array, "*time"]  # attitude error function
+    R: Float[Array, "*time agents 3 3"]  # base attitudes, base to world
+    x: Float[Array, "*time agents 3"]  # m, centers of mass of the agents, world
+    omega: Float[Array, "*time agents 3"]  # rad/s, base angular velocities, base frame
+    v_agent: Float[Array, "*time agents 3"]  # m/s, velocities of the centers of mass, world
+    r: Float[Array, "*time joints"]  # rad or m, joint positions
+    r_dot: Float[Array, "*time joints"]  # rad/s or m/s, joint rates
+    u: Float[Array, "*time agents"]  # N, applied thrusts
+    tau: Float[Array, "*time agents 3"]  # N m, applied body torques, base frame
+    tau_r: Float[Array, "*time joints"]  # N m or N, applied joint torques
+    thrust_saturated: Bool[Array, "*time agents"]  # True if the thrust is at its limit
+    lam: Float[Array, "*time contacts 3"]  # N, contact forces on the payload, world
+    lam_cmd: Float[Array, "*time contacts 3"]  # N, commanded contact forces, world
+    lam_hat: Float[Array, "*time contacts 3"]  # N, measured contact forces, world
+    R_L_hat: Float[Array, "*time 3 3"]  # estimated payload attitude, payload to world
+    W_d: Float[Array, "*time 6"]  # N world and N m payload frame, desired wrench
+    delta_W: Float[Array, "*time 6"]  # N world and N m payload frame, wrench mismatch
+    eta: Float[Array, "*time eta"]  # N, coordinates of the commanded internal forces
+    f_L: Float[Array, "*time 6"]  # N world and N m payload frame, true payload residual
+    f_L_hat: Float[Array, "*time 6"]  # its prediction
+    f_x: Float[Array, "*time agents 3"]  # N, true residual forces on the agents, world
+    f_w: Float[Array, "*time agents 3"]  # N m, true residual moments, base frame
+    f_r: Float[Array, "*time joints"]  # N m or N, true residual joint torques
+    f_x_hat: Float[Array, "*time agents 3"]  # their prediction
+    f_w_hat: Float[Array, "*time agents 3"]  # their prediction
+    f_r_hat: Float[Array, "*time joints"]  # their prediction
+    Phi: Float[Array, "*time"]  # m, largest constraint violation
+    Phi_dot: Float[Array, "*time"]  # m/s, largest constraint rate
+    min_delassus_singular_value: Float[Array, "*time agents"]  # 1/kg, smallest singular value of `A M^-1 A^T` by agent
     # Only for controllers with a residual corrector
-    correction_L: Float[Array, "*time 6"] | None = None
-    correction_x: Float[Array, "*time agents 3"] | None = None
-    correction_std_L: Float[Array, "*time 6"] | None = None
-    correction_std_x: Float[Array, "*time agents 3"] | None = None
-    correction_weight_L: Float[Array, "*time 6"] | None = None
-    correction_weight_x: Float[Array, "*time agents 3"] | None = None
-    label_L: Float[Array, "*time 6"] | None = None
-    label_x: Float[Array, "*time agents 3"] | None = None
-    model_prediction_L: Float[Array, "*time 6"] | None = None
-    model_prediction_x: Float[Array, "*time agents 3"] | None = None
-    label_valid: Float[Array, "*time"] | None = None
-    correction_nis: Float[Array, "*time"] | None = None
+    correction_L: Float[Array, "*time 6"] | None = None  # N, N m, correction of the payload, as applied
+    correction_x: Float[Array, "*time agents 3"] | None = None  # N, correction of the agents, as applied
+    correction_std_L: Float[Array, "*time 6"] | None = None  # N, N m, standard deviation with correction
+    correction_std_x: Float[Array, "*time agents 3"] | None = None  # N, standard deviation of the agents
+    correction_weight_L: Float[Array, "*time 6"] | None = None  # applied share of the estimated model error
+    correction_weight_x: Float[Array, "*time agents 3"] | None = None  # applied share of the agents
+    label_L: Float[Array, "*time 6"] | None = None  # N, N m, payload label before the label filter
+    label_x: Float[Array, "*time agents 3"] | None = None  # N, labels of the agents before the label filter
+    model_prediction_L: Float[Array, "*time 6"] | None = None  # N, N m, prediction without correction
+    model_prediction_x: Float[Array, "*time agents 3"] | None = None  # N, prediction of the agents
+    label_valid: Float[Array, "*time"] | None = None  # 1 in periods with a label, otherwise 0
+    correction_nis: Float[Array, "*time"] | None = None  # normalized innovation squared, mean of the outputs
 
 
 def true_residual(
@@ -246,7 +246,7 @@ def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.nda
 
 
 DERIVED_SIGNALS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")
-"""Signals that are computed from all others of a tick: not finite if any of those is not finite."""
+"""Signals that depend on all other signals of a tick, so that they are not finite if one of those is not."""
 
 
 def delassus_matrix(team: Team, r: np.ndarray, agent: int) -> np.ndarray:

@@ -36,9 +36,9 @@ Scalar = Float[Array, ""]
 class LoopState:
     """State of world and controller between ticks."""
 
-    world: PartState
-    controller: PartState
-    tick: Int[Array, ""]
+    world: PartState  # state of the world
+    controller: PartState  # state of the controller
+    tick: Int[Array, ""]  # number of ticks since the start
     saturated_ticks: tuple[
         Int[Array, "agents"], ...
     ]  # ticks of each thrust at its limit without interruption, by group
@@ -52,9 +52,9 @@ class LoopConfig(Generic[WorldT, ControllerT]):
     Any `World` and any `Controller` may be used; without parameters the type has those of `make_experiment`.
     """
 
-    world: WorldT
-    controller: ControllerT
-    termination_limits: termination.TerminationLimits
+    world: WorldT  # simulated world
+    controller: ControllerT  # onboard controller
+    termination_limits: termination.TerminationLimits  # limits whose violation ends a flight
     dt: Scalar  # s, control period
 
 

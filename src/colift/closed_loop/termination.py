@@ -49,7 +49,7 @@ class TerminationCause(enum.IntEnum):
 class MonitoredValues:
     """Values of one tick that `check_termination` compares with `TerminationLimits`."""
 
-    finite: Bool[Array, ""]
+    finite: Bool[Array, ""]  # True if state and record are finite
     delassus: Float[Array, "agents"]  # 1/kg, smallest singular value of each agent
     distance: Scalar  # m, between payload and reference
     heights: Float[Array, "bodies"]  # m, payload first, then the agents

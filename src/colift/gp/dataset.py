@@ -171,8 +171,8 @@ def max_variance_subset(
     """Keep the points of largest posterior variance.
 
     The novelty of a point is the ratio of posterior variance and signal variance, maximized over the outputs. The
-    novelty of a kept point is computed by leave-one-out. A full posterior gives up its point of least novelty for a
-    point of larger novelty. A point below the gate costs one evaluation of `variance`.
+    novelty of a kept point is computed by leave-one-out. If the posterior is full, a point of larger novelty replaces
+    the point of least novelty. A point below the gate costs one evaluation of `variance`.
 
     Args:
         gp: Posterior on the kept points.

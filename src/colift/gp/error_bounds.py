@@ -175,7 +175,7 @@ def _quadratic_form_lower_bound(gp: GPPosterior, b: Array, c: Array, magnitude: 
 
 
 def _gram_product(gp: GPPosterior, c: Float[Array, "outputs capacity"]) -> Float[Array, "outputs capacity"]:
-    """Compute `K c` for c that are zero in empty rows."""
+    """Compute `K c` for vectors c that are zero in empty rows."""
     K = jax.vmap(lambda x: _kernel(gp, x))(gp.X)
     return jnp.einsum("jik,ik->ij", K, c) + gp.hyper.noise_variance[:, None] * c
 
@@ -249,8 +249,9 @@ def chowdhury_gopalan(
     """Compute `beta = B + R sqrt((1 + 2/T) / v) sqrt(2 (gain + 1 + ln(1 / (1 - confidence))))` for all n <= T.
 
     Chowdhury and Gopalan 2017, Theorem 2, stated for `v = 1 + 2/T`. Another v is equivalent to the kernel times
-    `(1 + 2/T) / v`, which does not change the mean. The gain is that of the data, which the proof uses before its
-    maximum. The result is always above `abbasi_yadkori`.
+    `(1 + 2/T) / v`, which does not change the mean. The bound uses the information gain of the data instead of the
+    larger maximum information gain of the theorem; the proof holds for both. The result is always above
+    `abbasi_yadkori`.
 
     Args:
         gp: Posterior.
@@ -468,7 +469,7 @@ def error_radius(
         beta: Factor of each output.
 
     Returns:
-        Radius of each output [unit of y]; infinite where beta is.
+        Radius of each output [unit of y]; infinite where beta is infinite.
     """
     check_point(gp.X, gp.Y, x)
     s, k = gp.hyper.signal_variance, _masked_kernel(gp, x)

@@ -44,8 +44,8 @@ class Hyperparameters:
 class HyperparameterBounds:
     """Bounds (lower, upper) on the hyperparameters of standardized data, whose columns have unit deviation."""
 
-    signal_variance: tuple[float, float] = (1e-3, 1e2)
-    lengthscale: tuple[float, float] = (0.1, 30.0)
+    signal_variance: tuple[float, float] = (1e-3, 1e2)  # relative to the variance of the output
+    lengthscale: tuple[float, float] = (0.1, 30.0)  # in standard deviations of the input
     noise_variance: tuple[float, float] = (1e-6, 1.0)
     """The lower bound limits the noise to at least 1e-3 of the output's standard deviation."""
 
@@ -69,7 +69,7 @@ class HyperPrior:
     constant mean of the median is not used.
     """
 
-    median: Hyperparameters
+    median: Hyperparameters  # median of each hyperparameter
     scale_factor: float = 3.0
     """About two of three values lie within this factor of the median."""
     min_lengthscale: float = 0.1
@@ -205,4 +205,4 @@ def concatenate(first: Hyperparameters, second: Hyperparameters) -> Hyperparamet
     return Hyperparameters(kernel=first.kernel, **both)
 
 
-FIELDS = ("signal_variance", "lengthscales", "noise_variance", "constant_mean")
+FIELDS = ("signal_variance", "lengthscales", "noise_variance", "constant_mean")  # fields with numbers

@@ -176,7 +176,7 @@ def min_noise_ratio_for_append(N: int) -> float:
     An inverse factor W that grows by rows loses `W K W^T = I` faster than one computed at once. The loss was measured
     for 20 to 1000 points on a line, with length-scales of 0.05 to 20 times its length. Its norm is at most
     `150 N eps signal_variance / noise_variance` while it is small. The result keeps it near 0.02;
-    `test_the_worst_crowd_is_kept_and_answered_right` requires at most 0.25.
+    `test_dense_points_at_minimal_noise_are_accurate` requires less than 0.25.
 
     Args:
         N: Number of points.

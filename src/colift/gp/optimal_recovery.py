@@ -47,8 +47,8 @@ INFEASIBLE_MESSAGE = (
 class RecoveryInterval:
     """Interval of the admissible values of a functional [unit of y times unit of the weights]."""
 
-    lower: float
-    upper: float
+    lower: float  # smallest admissible value
+    upper: float  # largest admissible value
 
     def radius(self, estimate: float) -> float:
         """Return the largest distance of an admissible value from an estimate.

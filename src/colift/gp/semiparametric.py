@@ -1,8 +1,8 @@
 """GPs with a mean function that is linear in parameters shared by the outputs (remark of the paper).
 
 `y_i(x) = phi_i(x) theta + f_i(x) + noise` with `theta ~ N(0, diag(prior)^2)`. Parameters and hyperparameters are fitted
-together; the GP is then conditioned on `Y - Phi theta`. The basis values are data here. The caller defines their
-meaning, for example mass, first moments or drag (Rasmussen and Williams 2006, Section 2.7).
+together; the GP is then conditioned on `Y - Phi theta`. The basis values are arguments of the functions. The caller
+defines their meaning, for example mass, first moments or drag (Rasmussen and Williams 2006, Section 2.7).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from colift.gp.kernels import SquaredExponential
 from colift.gp.posterior import GPPosterior, condition
 from colift.runtime import atomic_write, bounded_read
 
-FORMAT = "colift gp 2"
+FORMAT = "colift gp 2"  # name and version of the file format
 FIELD_NAMES = tuple(RANGE)
 MAX_CHOLESKY_SIZE = 2**30  # numbers, 8 GiB; for example 13 000 points of 6 outputs
 

@@ -50,12 +50,12 @@ class ReplayData(NamedTuple):
 
     Attributes:
         t: Times of the ticks [s].
-        m: Measurements at the ticks.
+        measurement: Measurements at the ticks.
         command: Commands that the controller computes from the measurements.
     """
 
     t: Array
-    m: Measurement
+    measurement: Measurement
     command: TeamInputs
 
 
@@ -89,7 +89,7 @@ def _simulate(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Any
         m, world = setup.world.measure(world, clock, sample)
         command, controller_state, _ = setup.controller.step(controller_state, m, clock)
         world, _ = setup.world.step(world, command, clock)
-        return (world, controller_state), ReplayData(t=t, m=m, command=command)
+        return (world, controller_state), ReplayData(t=t, measurement=m, command=command)
 
     ticks = jax.tree.leaves(noise)[0].shape[0]
     t = jnp.arange(ticks, dtype=float) * setup.dt
@@ -161,7 +161,7 @@ def export_c(
     rows = np.concatenate(
         [
             np.asarray(flight_data.t)[:, None],
-            structs["measurement"].rows(flight_data.m, ticks),
+            structs["measurement"].rows(flight_data.measurement, ticks),
             structs["command"].rows(flight_data.command, ticks),
         ],
         axis=1,

@@ -34,12 +34,13 @@ except ModuleNotFoundError as error:
     ) from error
 
 WORLD, PAYLOAD = "world", "payload"
-ROS = get_typestore(Stores.ROS2_JAZZY)
+ROS = get_typestore(Stores.ROS2_JAZZY)  # message definitions
 Time = ROS.types["builtin_interfaces/msg/Time"]
 Header = ROS.types["std_msgs/msg/Header"]
 JointState = ROS.types["sensor_msgs/msg/JointState"]
 TFMessage = ROS.types["tf2_msgs/msg/TFMessage"]
 GEOMETRY = ("Vector3", "Point", "Quaternion", "Transform", "TransformStamped", "Pose", "PoseStamped")
+"""Messages of geometry_msgs."""
 Vector3, Point, Quaternion, Transform, TransformStamped, Pose, PoseStamped, Wrench, WrenchStamped = (
     ROS.types[f"geometry_msgs/msg/{name}"] for name in (*GEOMETRY, "Wrench", "WrenchStamped")
 )

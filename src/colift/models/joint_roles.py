@@ -19,7 +19,7 @@ from colift.models.link_tree import (
     LinkJoint,
     LinkTree,
     Skeleton,
-    held_position,
+    frozen_joint_position,
     merge_links,
     skeleton,
 )
@@ -49,7 +49,7 @@ MASS_TOLERANCE = 0.01  # relative difference of alike rotors
 class TipProposal:
     """Point that can hold a payload, in the frame of a link."""
 
-    link: str
+    link: str  # name of the link
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
 
 
@@ -93,7 +93,7 @@ def classify(tree: LinkTree, frozen: tuple[str, ...] | None = None, tips: tuple[
     if frozen is not None:
         grippers = tuple(kept for group in grippers if (kept := tuple(name for name in group if name in frozen)))
     fingers = {joint for group in grippers for joint in group}
-    fixed = {name: held_position(tree, name, {}) for name in {*rotors, *fingers, *(frozen or ())}}
+    fixed = {name: frozen_joint_position(tree, name, {}) for name in {*rotors, *fingers, *(frozen or ())}}
     found = skeleton(tree, fixed)
     proposals, on_base = tuple(TipProposal(link) for link in tips), False
     if not tips:

@@ -59,7 +59,7 @@ class ChoiceRequiredError(ValueError):
 class Link:
     """Link of a file; `inertial` is in the frame of the link."""
 
-    name: str
+    name: str  # name in the file
     location: str  # location for messages
     inertial: Body | None
 
@@ -69,7 +69,7 @@ class Coupling:
     """Position of a coupled joint: `multiplier position + offset`, with the position of another joint."""
 
     joint: str  # the joint that is followed
-    multiplier: float
+    multiplier: float  # factor on the position of the other joint
     offset: float  # rad or m
     location: str  # location for messages
 
@@ -78,15 +78,15 @@ class Coupling:
 class LinkJoint:
     """Joint of a file; its frame at position zero is the frame of the child link."""
 
-    name: str
+    name: str  # name in the file
     kind: str  # FIXED, REVOLUTE, CONTINUOUS or PRISMATIC
     parent: str  # name of the link
     child: str  # name of the link
     rotation: np.ndarray  # joint frame at position zero to parent frame
     position: np.ndarray  # m, joint origin in the parent frame
     axis: np.ndarray  # unit vector, joint frame
-    limits: JointLimits
-    coupling: Coupling | None
+    limits: JointLimits  # limits stated in the file
+    coupling: Coupling | None  # None for an independent joint
     location: str  # location for messages
 
     @property
@@ -104,8 +104,8 @@ class LinkTree:
         root: Name of the root link.
         links: Links by name.
         joints: Joints by name.
-        rotor_drives: Joints that the file names as drives of rotors.
-        servo_drives: Joints that the file names as driven, but not as drives of rotors.
+        rotor_drives: Joints that the file declares as drives of rotors.
+        servo_drives: Joints that the file declares as driven, but not as drives of rotors.
         damped: Joints with damping or friction, which are not part of the model.
     """
 
@@ -215,8 +215,7 @@ def reduce_tree(
     Raises:
         ValueError: If a frozen joint is unknown, a coupling is invalid, or a body is not physically consistent.
     """
-    held = _held_positions(tree, mimic, nominal_positions, frozen)
-    found = skeleton(tree, held)
+    found = skeleton(tree, _frozen_positions(tree, mimic, nominal_positions, frozen))
     changes: list[str] = []
     bodies = tuple(_body(tree, names, found.placements, inertia, changes) for names in found.members)
     return Robot(file=tree.file, bodies=bodies, joints=found.joints, links=found.placements, changes=tuple(changes))
@@ -238,7 +237,7 @@ def _displaced(joint: LinkJoint, at: Placement, position: float) -> Placement:
 # Frozen and coupled joints --------------------------------------------------------------------------------------------
 
 
-def _held_positions(
+def _frozen_positions(
     tree: LinkTree, mimic: CoupledJoints | None, nominal_positions: Mapping[str, float], frozen: Collection[str]
 ) -> dict[str, float]:
     """Return the positions of frozen joints [rad, m], by name."""
@@ -248,9 +247,9 @@ def _held_positions(
             raise ValueError(
                 f"{tree.file}: frozen joint {name!r} is not a joint that moves; joints: {', '.join(sorted(known))}"
             )
-    held = set(frozen)
+    fixed = set(frozen)
     for joint in tree.moving:
-        if joint.coupling is None or joint.name in held:
+        if joint.coupling is None or joint.name in fixed:
             continue
         if mimic is None:
             raise ChoiceRequiredError(
@@ -263,13 +262,15 @@ def _held_positions(
                 },
             )
         if mimic == "frozen":
-            held.add(joint.name)
+            fixed.add(joint.name)
     return {
-        joint.name: held_position(tree, joint.name, nominal_positions) for joint in tree.moving if joint.name in held
+        joint.name: frozen_joint_position(tree, joint.name, nominal_positions)
+        for joint in tree.moving
+        if joint.name in fixed
     }
 
 
-def held_position(tree: LinkTree, name: str, nominal_positions: Mapping[str, float]) -> float:
+def frozen_joint_position(tree: LinkTree, name: str, nominal_positions: Mapping[str, float]) -> float:
     """Compute the position of a frozen joint: `multiplier position + offset` along a chain of coupled joints.
 
     Args:

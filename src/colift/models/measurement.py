@@ -41,12 +41,12 @@ class RigReading:
     A rig exists in studies only, to obtain labels with a stated error bound.
 
     Attributes:
-        z: State in which the rig holds the team.
-        f: Residual forces in that state, with noise.
+        state: State of the team that the rig prescribes.
+        residual: Residual forces in this state, with the label error.
     """
 
-    z: State
-    f: ResidualForces
+    state: State
+    residual: ResidualForces
 
 
 @pytree

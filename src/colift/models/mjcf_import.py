@@ -22,7 +22,7 @@ from colift.models.link_tree import CONTINUOUS, FIXED, PRISMATIC, REVOLUTE, Coup
 from colift.models.robot import UNLIMITED_JOINT, Body, JointLimits
 from colift.runtime import bounded_read
 
-INCLUDING_ELEMENTS = ("include", "model")
+INCLUDING_ELEMENTS = ("include", "model")  # elements that read other files
 MAX_MESH_BYTES = 2**28  # largest file of a mesh or height field
 MAX_NUMBER = 1e12  # largest number, so that products do not overflow
 UNLIMITED = 63.0  # rad or m, larger limits of position mean that there is none
@@ -31,7 +31,7 @@ UNLIMITED = 63.0  # rad or m, larger limits of position mean that there is none
 def read_mjcf(path: str | Path) -> LinkTree:
     """Read the bodies and joints of an MJCF file.
 
-    A file that cannot be read, is too large or is no regular file raises `OSError`, also an included file or a mesh.
+    A file that cannot be read, is too large or is not a regular file raises `OSError`, also an included file or a mesh.
 
     Meshes without influence on the inertia are omitted, so that their files are not required.
 
@@ -100,7 +100,7 @@ def _is_usable(*values: object) -> bool:
 
 
 def _check_included_files(path: Path) -> None:
-    """Raise OSError if the file, or one that it includes, cannot be read, is too large, or is no regular file.
+    """Raise OSError if the file, or one that it includes, cannot be read, is too large, or is not a regular file.
 
     MuJoCo opens the files itself, without a limit on their size, and blocks at a pipe.
     """
@@ -130,7 +130,7 @@ def _included_names(content: bytes) -> list[str]:
 
 
 def _check_mesh_files(spec: Any) -> None:
-    """Raise OSError if a mesh or height field cannot be read, is too large, or is no regular file."""
+    """Raise OSError if a mesh or height field cannot be read, is too large, or is not a regular file."""
     folder = Path(spec.modelfiledir)
     for asset in (*spec.meshes, *spec.hfields):
         path = folder / (spec.meshdir or "") / asset.file

@@ -77,7 +77,7 @@ class KinematicTree:
 class AerialManipulator:
     """Parameters of one aerial manipulator, or of a group with a leading `agents` axis."""
 
-    tree: KinematicTree
+    tree: KinematicTree  # kinematic structure
     mass: Float[Array, "*agents bodies"]  # kg
     com: Float[Array, "*agents bodies 3"]  # m, center of mass in the body frame
     inertia: Float[Array, "*agents bodies 3 3"]  # kg m^2, about the center of mass, body frame
@@ -101,8 +101,8 @@ class Payload:
 class Team:
     """Parameters of a team: true ones in the plant, nominal ones in the controller."""
 
-    agent_groups: tuple[AerialManipulator, ...]
-    payload: Payload
+    agent_groups: tuple[AerialManipulator, ...]  # agents with equal structure form a group
+    payload: Payload  # mass and inertia of the payload
     gravity: Float[Array, "3"]  # m/s^2, gravitational acceleration a_g, world frame
 
     @property

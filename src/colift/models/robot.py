@@ -49,7 +49,7 @@ class Joint:
     position: np.ndarray  # m, joint origin in the parent frame
     rotation: np.ndarray  # joint frame at position zero to parent frame
     axis: np.ndarray  # unit vector, joint frame
-    limits: JointLimits = UNLIMITED_JOINT
+    limits: JointLimits = UNLIMITED_JOINT  # limits stated in the file
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,7 +26,7 @@ MAX_NUMBER = 1e12  # largest number, so that products do not overflow
 MAX_QUATERNION_ERROR = 1e-3  # of the norm
 VERSIONS = ("1", "1.0", "1.1", "1.2")
 JOINT_TYPES = (link_tree.REVOLUTE, link_tree.CONTINUOUS, link_tree.PRISMATIC, link_tree.FIXED)
-ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # entries of an inertia
 ATTRIBUTES = {  # attributes of the elements that define the model
     "origin": ("xyz", "rpy", "quat_xyzw"),
     "mass": ("value",),

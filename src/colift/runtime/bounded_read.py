@@ -28,7 +28,7 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
         The content.
 
     Raises:
-        OSError: If the file cannot be read, is no regular file, or is larger than the limit.
+        OSError: If the file cannot be read, is not a regular file, or is larger than the limit.
     """
     # without O_NONBLOCK, opening a pipe without a writer would never return
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, "O_CLOEXEC", 0))
@@ -88,20 +88,22 @@ def read_json(path: str | Path, limit: int = MAX_TEXT_BYTES) -> dict[str, Any]:
     text = read_text(path, limit)
     try:
         value = json.loads(text, parse_constant=_refuse_constant)
-        json.dumps(value, ensure_ascii=False).encode()  # a lone surrogate is no text
+        json.dumps(value, ensure_ascii=False).encode()  # a lone surrogate is not text
     except json.JSONDecodeError as error:
         raise ValueError(f"{path}:{error.lineno}: not JSON ({error.msg})") from None
     except RecursionError:
-        raise ValueError(f"{path}: not JSON of colift (nested too deeply)") from None
+        raise ValueError(f"{path}: cannot be read: its JSON is nested too deeply") from None
     except UnicodeEncodeError:
-        raise ValueError(f"{path}: not JSON of colift (a text with a lone surrogate)") from None
+        raise ValueError(
+            f"{path}: cannot be read: a text contains a lone surrogate, which is not a character"
+        ) from None
     except ValueError as error:  # NaN, or a number of more than 4300 digits
         raise ValueError(f"{path}: not JSON ({error})") from None
     if not isinstance(value, dict):
-        raise ValueError(f"{path}: not JSON of colift (no object)")
+        raise ValueError(f"{path}: must contain a JSON object")
     return value
 
 
 def _refuse_constant(name: str) -> float:
     """Raise ValueError for NaN and Infinity, which strict JSON does not contain."""
-    raise ValueError(f"{name} is no number")
+    raise ValueError(f"{name} is not a number")

@@ -74,14 +74,14 @@ def build_plugin(plugin: schema.PluginReference, location: str, kind: type[P], *
         made = jax.tree.map(lambda x: x if isinstance(x, jax.Array) else jnp.asarray(np.asarray(x)), part)
     except TypeError as error:
         raise ScenarioError(
-            f"{built} with a field that is no number or array ({error}); declare it by `colift.math.pytree.static`"
+            f"{built} with a field that is not numeric ({error}); declare it by `colift.math.pytree.static`"
         ) from None
     if not isinstance(made, kind):
         missing = [name for name in vars(kind) if name[0] != "_" and not hasattr(made, name)]
         is_protocol = getattr(kind, "_is_protocol", False)
         reason = f"it has no method {', '.join(missing)}" if is_protocol else "its class must extend it"
         interface = f"{kind.__module__}.{kind.__name__}"
-        raise ScenarioError(f"{built}, which is no {interface}: {reason} (docs/change_a_part.md)")
+        raise ScenarioError(f"{built}, which does not fit {interface}: {reason} (docs/change_a_part.md)")
     return made
 
 

@@ -121,7 +121,7 @@ def _agents(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     yield from _repeated(agents, ("agents",))
     for i, agent in enumerate(agents):
         if _part(agent, "name") in ("payload", "agents"):
-            yield ("agents", i, "name"), f"{_part(agent, 'name')!r} has a meaning of its own"
+            yield ("agents", i, "name"), f"{_part(agent, 'name')!r} is a reserved name: must be another name"
         kind = _part(agent, "type")
         if isinstance(kind, str) and kinds and kind not in kinds:
             yield ("agents", i, "type"), unknown_name_message(kind, kinds, "one of agent_types")
@@ -215,7 +215,7 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
                 )
 
 
-UPDATE_TIMES_PATH = ("learning", "update_times_s")
+UPDATE_TIMES_PATH = ("learning", "update_times_s")  # location in the data
 
 
 def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:
@@ -253,11 +253,15 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield location, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
     duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_time_s")
     if _named(data, "random_residual") and _part(data, "reference", "kind") == "plugin":
-        yield ("random_residual",), "must be omitted: its centers lie along a built-in reference"
+        yield (
+            ("random_residual",),
+            "must be omitted with a user-defined reference: its centers lie along a built-in one",
+        )
     if _named(data, "random_residual") and ramp >= duration:
         yield (
             ("reference", "ramp_time_s"),
-            f"must be less than duration_s = {duration:g}: the centers of `random_residual` lie beyond, got {ramp:g}",
+            f"must be less than duration_s = {duration:g}: the centers of `random_residual` lie "
+            f"after the ramp, got {ramp:g}",
         )
 
 
@@ -276,7 +280,7 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     for i, source in enumerate(_items(data, "disturbances")):
         for k in range(len(_items(source, "gusts"))):
             wave = [_number(source, "gusts", k, "wave_vector_radpm", axis) for axis in range(3)]
-            k_abs = math.hypot(*wave)  # NaN where it is no vector
+            k_abs = math.hypot(*wave)  # NaN where it is not a vector
             location: Location = ("disturbances", i, "gusts", k, "wave_vector_radpm")
             if k_abs * MAX_WAVELENGTH < 2 * math.pi:
                 yield (

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 class SettingDifference(NamedTuple):
     """Setting in which two scenarios differ; values are JSON text, or `absent`."""
 
-    path: str
-    first: str
-    second: str
+    path: str  # path of the setting, as in `--set`
+    first: str  # value in the first scenario
+    second: str  # value in the second scenario
 
 
 def setting_differences(first: Any, second: Any) -> list[SettingDifference]:

@@ -1,4 +1,4 @@
-"""The unknown forces of a scenario, mounted where they act."""
+"""Disturbances of a scenario, attached to points of the payload and of the agents."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from colift.simulation.disturbances import (
 
 
 def make_disturbances(settings: schema.Scenario) -> DisturbanceSet:
-    """The sources of the truth, mounted."""
+    """Make the disturbances of a scenario, each attached to its point."""
     teams = team.group_agents(settings)
     point_disturbances = _point_disturbances(settings)
     return DisturbanceSet(
@@ -38,7 +38,7 @@ def make_disturbances(settings: schema.Scenario) -> DisturbanceSet:
             if source.acts_on == "payload"
         ),
         agents=tuple(
-            tuple(mount for source in point_disturbances for mount in _mounts(settings, source, group))
+            tuple(attached for source in point_disturbances for attached in _attach_to_group(settings, source, group))
             for group in teams
         ),
         joints=tuple(_friction(settings, group) for group in teams),
@@ -49,10 +49,13 @@ def _point_disturbances(settings: schema.Scenario) -> list[schema.PointDisturban
     return [source for source in settings.disturbances if not isinstance(source, schema.JointFriction)]
 
 
-def _mounts(
+def _attach_to_group(
     settings: schema.Scenario, source: schema.PointDisturbance, group: list[schema.Agent]
 ) -> Iterator[AgentDisturbance]:
-    """A source on a group: one mount for each body index that its body has in the types of the group."""
+    """Attach a disturbance to the agents of a group on which it acts.
+
+    The body of the disturbance can have another index in each agent type, so one attachment is made for each index.
+    """
     carriers: dict[int, list[float]] = {}
     for k, agent in enumerate(group):
         if source.acts_on in ("agents", agent.name):
@@ -102,7 +105,7 @@ def _wind(source: schema.Wind) -> Wind | TimeVaryingWind:
 
 
 def _plugin(source: schema.PluginDisturbance) -> DisturbanceModel:
-    """Return a user-defined disturbance, checked."""
+    """Make and check a user-defined disturbance."""
     model = build_plugin(source, f"disturbances: {source.name}", DisturbanceModel)
     check_plugin(part_checks.check_disturbance, source.name, model)
     return model

@@ -16,7 +16,10 @@ from colift.scenario.schema import Scenario
 
 
 def to_yaml(settings: Scenario) -> str:
-    """The YAML that states every setting, defaults too and other files' contents in plain numbers; `parse` reads it."""
+    """Write a scenario as YAML that states all settings, also defaults, and that `loading.parse` reads.
+
+    The contents of other files, such as URDF files and tables, are written as numbers.
+    """
     yaml = YAML()
     yaml.default_flow_style = None  # sections and lists without nested ones are written in one line
     yaml.width = 120
@@ -26,9 +29,17 @@ def to_yaml(settings: Scenario) -> str:
 
 
 def with_control(written: str, control: Mapping[str, Any]) -> str:
-    """A scenario's text with other entries in its section `control`, everything else and the comments as they are.
+    """Replace settings of the section `control` in the text of a scenario; all other text and comments stay.
 
-    Raises ScenarioError for a text without such a section.
+    Args:
+        written: Text of the scenario.
+        control: New values by the name of the setting.
+
+    Returns:
+        The text with the new values.
+
+    Raises:
+        ScenarioError: If the text is not valid YAML or has no section `control`.
     """
     yaml = YAML()
     yaml.preserve_quotes = True
@@ -48,7 +59,7 @@ def with_control(written: str, control: Mapping[str, Any]) -> str:
 
 
 def _flat(value: Any) -> Any:
-    """A list on one line; one number where all three are the same."""
+    """Return a list that is written on one line, or a single number if all entries are equal."""
     if not isinstance(value, tuple):
         return value
     if len(set(value)) == 1:

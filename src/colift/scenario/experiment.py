@@ -49,6 +49,7 @@ PAPER_CASES = {
     "C3": "payload and agent learning",
 }
 EXTENSIONS = {"adaptive": "C3 with online model updates and feedback correction from labels"}
+"""Cases beyond those of the paper, with their descriptions."""
 BASELINES = {
     "integral": "C1 with integral action",
     "disturbance_observer": "C1 with a disturbance observer on the payload",
@@ -236,8 +237,8 @@ def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> f
 class TrueResidualFunction:
     """Residuals of a world as a function of state and time; its disturbances have no internal state."""
 
-    world: SimulatedWorld
-    nominal: Team
+    world: SimulatedWorld  # simulated world
+    nominal: Team  # nominal parameters of the controller
 
     def __call__(self, state: State, acceleration_cmd: AccelerationCommand, t: Scalar) -> ResidualForces:
         """Return the residuals of the nominal equations.

@@ -17,11 +17,11 @@ from pydantic_core import CoreSchema
 class SchemaNote:
     """Entry of the JSON schema of a setting: its unit, or the reason for its range."""
 
-    key: str
-    words: str
+    key: str  # name of the entry
+    text: str  # its value
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return {**handler(core), self.key: self.words}
+        return {**handler(core), self.key: self.text}
 
 
 def unit(unit: str) -> SchemaNote:
@@ -91,9 +91,11 @@ Gravity = Annotated[Number, Field(ge=-30, le=30), range_reason("25 m/s² on Jupi
 Gravities = tuple[Gravity, Gravity, Gravity]
 Degrees = Annotated[Number, Field(ge=-3600, le=3600), _TURNS]
 Angles = tuple[Degrees, Degrees, Degrees]
-HalfTurn = Annotated[Number, Field(ge=-180, le=180), range_reason("a rotation vector has at most half a revolution")]
-AnyAngle = Annotated[Number, Field(ge=1, le=180), range_reason("180 deg permits every attitude")]
-RotationVector = tuple[HalfTurn, HalfTurn, HalfTurn]
+RotationComponent = Annotated[
+    Number, Field(ge=-180, le=180), range_reason("a rotation vector has at most half a revolution")
+]
+AngleLimit = Annotated[Number, Field(ge=1, le=180), range_reason("180 deg permits every attitude")]
+RotationVector = tuple[RotationComponent, RotationComponent, RotationComponent]
 AngularDeviation = Annotated[Number, Field(ge=1e-4, le=30), range_reason("from rounding to a loose fit")]
 Wavenumber = Annotated[
     Number,
@@ -134,11 +136,11 @@ BandwidthOrNone = Annotated[Number, Field(ge=0, le=1e4), range_reason("the highe
 
 _HEAVY = range_reason("the weight of 100 t is 1e6 N")
 _LEVER = range_reason("the weight of 100 t with a lever of 1 m")
-Newton = Annotated[Number, Field(ge=-1e6, le=1e6), _HEAVY]
-Force = tuple[Newton, Newton, Newton]
+ForceComponent = Annotated[Number, Field(ge=-1e6, le=1e6), _HEAVY]
+Force = tuple[ForceComponent, ForceComponent, ForceComponent]
 Thrust = Annotated[Number, Field(ge=1e-5, le=1e6), range_reason("the weight of a milligram to that of 100 t")]
-NewtonMetre = Annotated[Number, Field(ge=-1e6, le=1e6), _LEVER]
-Moment = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
+MomentComponent = Annotated[Number, Field(ge=-1e6, le=1e6), _LEVER]
+Moment = tuple[MomentComponent, MomentComponent, MomentComponent]
 LeverArm = Annotated[Number, Field(ge=1e-6, le=100), _BODY]
 RotorCount = Annotated[
     Count, Field(ge=4, le=64), range_reason("fewer than four rotors cannot control three axes and the thrust")
@@ -146,7 +148,7 @@ RotorCount = Annotated[
 DryFriction = Annotated[Number, Field(ge=0, le=1e6), _LEVER]
 Drag = Annotated[Number, Field(ge=0, le=1e4), range_reason("the weight of one tonne at 1 m/s")]
 Stiffness = Annotated[Number, Field(ge=1e-6, le=1e6), range_reason("the stiffness of a steel rope of 10 m")]
-SlowSpeed = Annotated[
+SmoothingSpeed = Annotated[
     Number,
     Field(ge=1e-6, le=200),
     range_reason("smaller values make friction a step that the integration does not resolve"),

@@ -83,7 +83,7 @@ PAIRS = {
 The default of the second was the value of the first.
 """
 
-RIG_ERROR = 0.1
+FORMER_RIG_LABEL_ERROR = 0.1
 """Former default of `learning.rig_label_error`, which had an effect with label source `calibration_rig` only."""
 
 
@@ -141,7 +141,7 @@ def restructure(data: MutableMapping[str, Any], names: Mapping[str, str]) -> Non
 
     Args:
         data: Scenario with names of schema 2.
-        names: Names in the file of settings of the section `baselines`, for messages.
+        names: Names that the file has for settings of the section `baselines`, for messages.
 
     Raises:
         ScenarioError: If a file that extends another one states one of two settings that form a pair now.
@@ -212,7 +212,7 @@ def _join_rig_settings(data: MutableMapping[str, Any], extends: bool) -> None:
     section, name = _holder(data, "learning.label_source")
     source, comment = section.pop(name, None), _pop_comment(section, name)
     if source == "calibration_rig":
-        section.setdefault("rig_label_error", RIG_ERROR)
+        section.setdefault("rig_label_error", FORMER_RIG_LABEL_ERROR)
     elif source is not None and extends:
         section["rig_label_error"] = None
     elif not extends:

@@ -22,10 +22,11 @@ from colift.scenario.schema import Section
 from colift.trajectories.rotation_legs import exp, rotation
 
 TIMES = {"time_s": 1, "time_ms": 1_000, "time_us": 1_000_000, "time_ns": 1_000_000_000}
-POSITION = ("x_m", "y_m", "z_m")
-QUATERNION = ("qw", "qx", "qy", "qz")
+"""Columns of the time, and units per second."""
+POSITION = ("x_m", "y_m", "z_m")  # columns of the position
+QUATERNION = ("qw", "qx", "qy", "qz")  # columns of the attitude
 ANGLES_DEG, ANGLES_RAD = ("roll_deg", "pitch_deg", "yaw_deg"), ("roll_rad", "pitch_rad", "yaw_rad")
-KNOWN = (*TIMES, *POSITION, *QUATERNION, *ANGLES_DEG, *ANGLES_RAD)
+KNOWN_COLUMNS = (*TIMES, *POSITION, *QUATERNION, *ANGLES_DEG, *ANGLES_RAD)
 SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": None}
 MAX_ROWS = 500_000
 MAX_LINES_OF_ERRORS = 20
@@ -35,14 +36,15 @@ MAX_TIME = 1e5  # s, as `fields.Instant`
 MIN_STEP = 1e-6  # s between two poses; the spline of closer ones has no finite coefficients
 MAX_DIGITS = 30  # of a whole number, which is read exactly
 
-Column = Annotated[str, Field(strict=True, max_length=200)]
+Column = Annotated[str, Field(strict=True, max_length=200)]  # name of a column
 
 
 class SampledFromFile(Section):
     """Smoothing spline through a table of poses, such as a log or the output of a planner.
 
-    The start velocity is taken along. Before the first pose the reference starts from rest, and after the last one it
-    comes to rest. [Tables of poses](references.md#tables-of-poses) explains the options with examples.
+    If the table starts at t = 0, the reference starts with the velocity of the table; otherwise it starts from rest.
+    After the last pose it comes to rest. [Tables of poses](references.md#tables-of-poses) explains the options with
+    examples.
     """
 
     kind: Literal["sampled"]
@@ -60,7 +62,7 @@ class SampledFromFile(Section):
     separator: Literal["auto", "comma", "semicolon", "tab", "space"] = "auto"
     """Separator of the columns; by default the one of the first pose."""
     comment: Annotated[str, Field(strict=True, min_length=1, max_length=3)] = "#"
-    """Begin of a line that is a comment. The last comment before the first pose may be the header."""
+    """Start of a comment line. The last comment before the first pose may be the header."""
     frame: Literal["enu", "ned"] = "enu"
     """Axes: `enu` with z up; `ned` with z down and body axes forward, right, down, as PX4 writes them."""
     time_offset_s: fields.TimeOffset | None = None
@@ -71,7 +73,7 @@ class SampledFromFile(Section):
     """Root-mean-square distance of the poses from the path, such as the noise of the log. By default generalized
     cross-validation determines it, with at most 0.01 m; a path that this cannot determine goes through all poses."""
     deviation_deg: fields.AngularDeviation | None = None
-    """The same for the attitude; by default at most 1.1 deg."""
+    """Root-mean-square angle of the attitudes from the spline; default: as for `deviation_m`, at most 1.1 deg."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,7 +152,7 @@ def _read(section: SampledFromFile, lines: Iterator[tuple[int, str]]) -> _Table:
     if first is None:
         raise _TableError("must hold two poses or more, got 0")
     separator = _separator(section, first[1])
-    if not _is_number(_split(first[1], separator)[0]):  # the first line that is no comment is the header
+    if not _is_number(_split(first[1], separator)[0]):  # the first line that is not a comment is the header
         header, first = first, None
     elif header is not None and len(_split(header[1], separator)) != len(_split(first[1], separator)):
         header = None  # a comment about something else
@@ -249,7 +251,7 @@ def _columns(
         if header is not None and section.columns is None:
             errors.append(f"reference.columns can name the columns {', '.join(header[1])[:200]} otherwise")
         raise _TableError("\n".join(errors))
-    return {name: names.index(name) for name in names if name in KNOWN}, width
+    return {name: names.index(name) for name in names if name in KNOWN_COLUMNS}, width
 
 
 def _renamed(columns: dict[str, str], line: int, header: list[str]) -> list[str]:
@@ -271,22 +273,22 @@ def _column_errors(names: list[str], where: str, ignore: bool) -> Iterator[str]:
         yield f"{where}: one column of time is required ({', '.join(TIMES)}), got {found}"
     for name in POSITION:
         if name not in names:
-            yield f"{where}: column {name} is required{suggestion(name, [n for n in names if n not in KNOWN])}"
+            yield f"{where}: column {name} is required{suggestion(name, [n for n in names if n not in KNOWN_COLUMNS])}"
     for group in (QUATERNION, ANGLES_DEG, ANGLES_RAD):
         present = [name for name in group if name in names]
         if present:
             angles.append(present[0])
         if present and len(present) < len(group) and present[-1][:3] != "yaw":
-            yield f"{where}: {', '.join(group)} come together"
+            yield f"{where}: {', '.join(group)} must occur together"
         elif present and len(present) not in (1, len(group)):
-            yield f"{where}: {', '.join(group)} come together, or {group[-1]} alone"
+            yield f"{where}: {', '.join(group)} must occur together, or {group[-1]} alone"
     if len(angles) > 1:
         yield f"{where}: the attitude is stated twice, by {' and by '.join(angles)}"
     for i, name in enumerate(names):
-        if name in names[:i] and name in KNOWN:
+        if name in names[:i] and name in KNOWN_COLUMNS:
             yield f"{where}: column {name} stands twice"
-        elif name not in KNOWN and name and not ignore:
-            hint = suggestion(name, KNOWN)
+        elif name not in KNOWN_COLUMNS and name and not ignore:
+            hint = suggestion(name, KNOWN_COLUMNS)
             yield f"{where}: column {format_value(name)} is not known{hint}; extra_columns: ignore skips it"
 
 

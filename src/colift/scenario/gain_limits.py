@@ -1,4 +1,4 @@
-r"""Limits of the gains of payload translation and agent attitude by bound tips.
+r"""Limits of the gains of payload translation and agent attitude for agents with bound directions.
 
 Agents apply horizontal forces along bound directions (`redundancy.bound_directions`, matrix `D`) by rotations about
 their tips. Let phi be the tilt, u the thrust, m the mass, l the height of the center of mass above the tips, and m_L

@@ -24,7 +24,7 @@ from colift.scenario.schema import Scenario, Section
 
 SHIPPED_DIRECTORY = resources.files("colift.scenario") / "library"
 SUFFIXES = (".yaml", ".yml")
-SCENARIO_ADAPTER = TypeAdapter(Scenario)
+SCENARIO_ADAPTER = TypeAdapter(Scenario)  # validation of plain data
 
 
 def shipped_names() -> list[str]:

@@ -13,9 +13,9 @@ import re
 from colift.scenario.errors import format_value
 from colift.scenario.schema.base import NAME
 
-ESCAPE = re.compile(r"-([0-9a-f]{1,6})-")
+ESCAPE = re.compile(r"-([0-9a-f]{1,6})-")  # escape sequence of an illegal character
 RESERVED = ("base", "payload", "agents")  # names with a meaning of their own in a scenario
-MAX_LENGTH = 100
+MAX_LENGTH = 100  # characters
 
 
 def legal_name(original: str) -> str:

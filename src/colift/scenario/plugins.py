@@ -46,7 +46,7 @@ def plugin_settings(name: str, settings: Any, base: type[BaseModel]) -> BaseMode
         Instance of the class.
 
     Raises:
-        ValidationError: If there is no such module or class, if the class is no section with a method `build`, or if
+        ValidationError: If there is no such module or class, if the class is not a section with a method `build`, or if
             the settings contain errors.
     """
     try:

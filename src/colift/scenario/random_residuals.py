@@ -100,7 +100,7 @@ def sample_residuals(
     )
 
 
-MAX_ATTEMPTS = 1000
+MAX_ATTEMPTS = 1000  # draws before an error is raised
 _means = jax.jit(jax.vmap(gp.mean, (None, 0)))
 
 

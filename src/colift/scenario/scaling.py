@@ -37,8 +37,8 @@ REFERENCE_CONTROL_RATE = 500.0  # Hz
 class Scale:
     """Ratios of a vehicle to the reference vehicle."""
 
-    length: float = 1.0
-    mass: float = 1.0
+    length: float = 1.0  # ratio L of the radii of gyration
+    mass: float = 1.0  # ratio M of the masses
 
     @property
     def time(self) -> float:
@@ -99,7 +99,7 @@ def vehicle_scale(mass: float, base_mass: float, yaw_inertia: float) -> Scale:
     """Compute the scale of a vehicle.
 
     The length is the radius of gyration of the base, within `MAX_SHAPE_RATIO` of the length of a vehicle with the mean
-    density of the reference vehicle, `(m / m_0)^(1/3)`. Inertias in files are placeholders now and then.
+    density of the reference vehicle, `(m / m_0)^(1/3)`. Inertias in files are sometimes placeholders.
 
     Args:
         mass: Mass of the vehicle with its arms [kg].

@@ -20,11 +20,11 @@ MAX_AGENTS = 100
 class VehicleTemplate:
     """Agent type of a new scenario."""
 
-    name: str
-    text: str
+    name: str  # name of the agent type
+    text: str  # YAML text of the agent type
     mass: float  # kg
     contact_offset: tuple[tuple[float, float, float], ...]  # m, tips: outward, left of it, above their mean height
-    scale: Scale = REFERENCE
+    scale: Scale = REFERENCE  # ratios to the reference vehicle
     heading_deg: float = 0.0  # of the agents, relative to the outward direction
 
 
@@ -216,7 +216,7 @@ def _control(by: Scale, limited: TranslationGains | None) -> str:
     K_p, K_v, agent_k_R = (f"{x:.3g}" for x in (5 * by.gain, 4.2 * by.rate, 250 * by.gain))
     if limited is not None:
         K_p, K_v = f"[{limited.K_p:g}, {limited.K_p:g}, {K_p}]", f"[{limited.K_v:g}, {limited.K_v:g}, {K_v}]"
-        K_v += "  # horizontal gains and agent_k_R are limited by bound tips (docs/own_team.md)"
+        K_v += "  # horizontal gains and agent_k_R are limited by a right half-plane zero (docs/own_team.md)"
         agent_k_R = f"{limited.agent_k_R:g}"
     return f"""\
 control:  # slow mode: change K_p, K_v; unstable fast mode: reduce agent_k_omega, K_v

@@ -120,7 +120,7 @@ def _plain(key: str) -> bool:
 
 
 def error_message(error: ErrorDetails, schema: Schema) -> str:
-    """Describe an error and the allowed values; other errors keep the words of pydantic."""
+    """Describe an error and the allowed values; other errors keep the message of pydantic."""
     kind, given, about = error["type"], error["input"], error.get("ctx", {})
     last = error["loc"][-1] if error["loc"] else ""
     if kind == "extra_forbidden":
@@ -136,7 +136,7 @@ def error_message(error: ErrorDetails, schema: Schema) -> str:
         key = f"{about['discriminator']} ".replace("'", "") if "discriminator" in about else ""
         return f"{key}must be one of {', '.join(allowed)}, got {format_value(tag)}{suggestion(tag, allowed)}"
     if kind == "union_tag_not_found":
-        return f"{str(about['discriminator']).strip(chr(39))} is required: it says which of the variants this is"
+        return f"{str(about['discriminator']).strip(chr(39))} is required: it selects the variant"
     if kind in ("mistake", "worded", "value_error"):
         return str(about.get("message", about.get("error")))
     return _requirement(error, schema) + f", got {format_value(given)}"

@@ -43,20 +43,20 @@ class VehicleOptions:
 
     frozen: tuple[str, ...] | None = None  # joints to fix; None: as `joint_roles.classify` proposes
     tips: tuple[str, ...] = ()  # links that hold the payload; empty: as proposed
-    mimic: CoupledJoints | None = None
-    inertia: InertiaRule = "strict"
+    mimic: CoupledJoints | None = None  # treatment of joints that follow another one
+    inertia: InertiaRule = "strict"  # treatment of inertias that violate the triangle inequality
 
 
-PROPOSED = VehicleOptions()
+DEFAULT_OPTIONS = VehicleOptions()
 
 
 @dataclasses.dataclass(frozen=True)
 class GeneratedScenario:
     """Text of a scenario, the number of its agents, and one sentence per decision that the text contains."""
 
-    text: str
-    agents: int
-    notes: tuple[str, ...]
+    text: str  # YAML text of the scenario
+    agents: int  # number of agents
+    notes: tuple[str, ...]  # one sentence per decision
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +73,7 @@ class _Vehicle:
 
 
 def from_urdf_file(
-    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = PROPOSED
+    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = DEFAULT_OPTIONS
 ) -> GeneratedScenario:
     """Generate a scenario with agents from a URDF file.
 
@@ -97,7 +97,7 @@ def from_urdf_file(
 
 
 def from_mjcf_file(
-    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = PROPOSED
+    name: str, agents: int | None, file: Path, folder: Path, options: VehicleOptions = DEFAULT_OPTIONS
 ) -> GeneratedScenario:
     """Generate a scenario with agents from an MJCF file, in plain numbers.
 
@@ -132,7 +132,7 @@ def _generated(
     mass, base = sum(body.mass for body in vehicle.robot.bodies), vehicle.robot.bodies[0]
     scale = vehicle_scale(mass, base.mass, float(base.inertia[2, 2]))
     r = np.array([vehicle.nominal_positions[joint.name] for joint in vehicle.robot.joints])
-    points, turn = _reach(vehicle.own, r), tangential_turn(vehicle.own, r)
+    points, turn = _reach(vehicle.own, r), tangential_heading(vehicle.own, r)
     held = _contact_offsets(points, turn)
     notes = tuple(_notes(vehicle))
     if turn:
@@ -153,8 +153,8 @@ def _generated(
     if limits.exceeded(settings.control):
         text = scenario_text(name, template, agents, limits.advise(settings.control))
         notes += (
-            f"bound tips limit the horizontal motion, with a zero at {limits.zero:.3g} rad/s: lower horizontal gains "
-            "and a lower agent_k_R",
+            f"agents rotate to apply horizontal forces, so translation has a right half-plane zero at "
+            f"{limits.zero:.3g} rad/s: lower horizontal gains and a lower agent_k_R",
         )
     return GeneratedScenario(text=text, agents=agents, notes=notes)
 
@@ -262,20 +262,20 @@ def _permitted(value: float, limits: tuple[float, float] | None) -> float:
     return value if limits is None or limits[0] <= value <= limits[1] else _inside(value, limits)
 
 
-def tangential_turn(own: AerialManipulator, r: np.ndarray) -> float:
+def tangential_heading(agent: AerialManipulator, r: np.ndarray) -> float:
     """Compute the heading with which the plane of a planar arm lies along the tangent of the payload.
 
     The payload's yaw requires forces along the tangent. Joints that move the tips along it apply them directly.
 
     Args:
-        own: Agent.
+        agent: Parameters of the agent.
         r: Joint positions [rad, m].
 
     Returns:
         Heading relative to the outward direction, above -90 and up to 90 [deg]; 0 if the joints do not move the tips in
         a single plane.
     """
-    bound = tip_mobility.tip_mobility(own, r).bound
+    bound = tip_mobility.tip_mobility(agent, r).bound
     if len(bound) != 1:
         return 0.0
     turn = round(math.degrees(-math.atan2(bound[0, 1], bound[0, 0])) % 180, 1)
@@ -308,7 +308,7 @@ def _urdf_section(vehicle: _Vehicle, file: Path, folder: Path, thrust: float) ->
         lines.append(f"    mimic_joints: {options.mimic}")
     if options.inertia != "strict":
         lines.append(f"    inertia: {options.inertia}")
-    lines.append("    tips:  # links that hold the payload: these carry no other; are they the hands?")
+    lines.append("    tips:  # links that hold the payload: check that these last links are the hands")
     for k, tip in enumerate(roles.tips):
         offset = f", tip_position_m: {list(tip.offset)}" if any(tip.offset) else ""
         lines.append(f"      - {{link: {_quoted(tip.link)}, name: hand_{k + 1}{offset}}}")

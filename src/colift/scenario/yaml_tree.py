@@ -24,17 +24,17 @@ from colift.scenario.errors import ErrorMessage, Location, ScenarioError, format
 MAX_BYTES = 2_000_000  # a scenario has some 3 kB, and the knots of a table of poses up to 1.2 MB
 MAX_VALUES = 10_000  # every use of an alias counts: a few lines can expand to billions of values
 MAX_DEPTH = 20  # levels; a scenario has eight
-TAG = "tag:yaml.org,2002:"
+TAG = "tag:yaml.org,2002:"  # prefix of the standard YAML tags
 
 
 @dataclasses.dataclass(frozen=True)
 class Tree:
     """Plain data, the line of every location (0 for an override), and the errors of its form."""
 
-    file: str
-    data: dict[str, Any]
-    lines: dict[Location, int]
-    errors: list[ErrorMessage]
+    file: str  # name of the file, for messages
+    data: dict[str, Any]  # plain data
+    lines: dict[Location, int]  # line of every location; 0 for an override
+    errors: list[ErrorMessage]  # errors of the form of the text
 
     def line(self, location: Location) -> int:
         """Return the line of a setting, or of the section without it; 0 for an override."""
@@ -101,7 +101,7 @@ def with_setting(tree: Tree, change: str) -> Tree:
     path, equals, text = change.partition("=")
     reader = _Reader(lambda _line: f"--set {path}")
     if not (equals and path):
-        raise ScenarioError(f"--set {format_value(change)}: must be `path=value`, as payload.mass_kg=2")
+        raise ScenarioError(f"--set {format_value(change)}: must be `path=value`, for example payload.mass_kg=2")
     if path.count(".") >= MAX_DEPTH:
         raise ScenarioError(f"--set {format_value(path)}: is nested more than {MAX_DEPTH} deep")
     node = reader.compose(text)
@@ -305,7 +305,7 @@ class _Reader:
                     found |= self.value(section, location)
                 else:
                     self.errors.append(
-                        (location, f"`<<` takes a section, or a list of them, got {format_value(section.value)}")
+                        (location, f"`<<` must be a section, or a list of sections, got {format_value(section.value)}")
                     )
         return found
 

@@ -129,7 +129,7 @@ class LaggedMotors(IdealActuators):
     Joint torques act without lag.
     """
 
-    lag: ActuatorLag
+    lag: ActuatorLag  # delay and bandwidth
     limits: tuple[InputLimits, ...]  # one per group
 
     def init(self, command: TeamInputs) -> ActuatorLagState:

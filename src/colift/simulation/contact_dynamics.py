@@ -49,7 +49,7 @@ class AgentAcceleration:
 class Acceleration:
     """Accelerations of all agents and of the payload."""
 
-    agents: tuple[AgentAcceleration, ...]
+    agents: tuple[AgentAcceleration, ...]  # one entry per group
     payload: Float[Array, "6"]  # m/s^2 and rad/s^2, (v_dot in the world, omega_dot in the payload frame)
 
 
@@ -60,8 +60,8 @@ class AgentKKT:
     The system has k right-hand sides.
     """
 
-    mass: Float[Array, "*agents"]
-    M_bar: Float[Array, "*agents xi xi"]
+    mass: Float[Array, "*agents"]  # kg
+    M_bar: Float[Array, "*agents xi xi"]  # reduced mass matrix of `xi = (omega, r_dot)`
     B: Float[Array, "*agents forces xi"]  # A = [I ..., B]: contact Jacobian of the agent
     P: Float[Array, "*agents forces 6"]  # contact Jacobian of the payload
     Q: Float[Array, "*agents motion k"]  # generalized forces on (x, xi)
@@ -72,11 +72,11 @@ class AgentKKT:
 class AgentSchurFactors:
     """Factors of one eliminated agent: `M_bar = U_M^T diag(1/d_M) U_M`, `S = A M^-1 A^T = U_S^T diag(1/d_S) U_S`."""
 
-    U_M: Float[Array, "*agents xi xi"]
-    d_M: Float[Array, "*agents xi"]
+    U_M: Float[Array, "*agents xi xi"]  # unit upper triangular
+    d_M: Float[Array, "*agents xi"]  # inverse pivots
     W: Float[Array, "*agents xi right"]  # U_M^-T [B^T, Q]
-    U_S: Float[Array, "*agents forces forces"]
-    d_S: Float[Array, "*agents forces"]
+    U_S: Float[Array, "*agents forces forces"]  # unit upper triangular
+    d_S: Float[Array, "*agents forces"]  # inverse pivots
     Z: Float[Array, "*agents forces right_S"]  # U_S^-T [P, A M^-1 Q + gap]
 
 

@@ -102,7 +102,7 @@ class ConstantWrench(DisturbanceModel):
 
     force: Vector  # N
     torque: Vector  # N m
-    time_invariant: ClassVar[bool] = True
+    time_invariant: ClassVar[bool] = True  # see `DisturbanceModel`
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
         """Return the constant force and torque."""
@@ -122,7 +122,7 @@ class Wind(DisturbanceModel):
     gust: Float[Array, "waves 3"]  # m/s
     wave: Float[Array, "waves 3"]  # rad/m
     phase: Float[Array, "waves"]  # rad
-    time_invariant: ClassVar[bool] = True
+    time_invariant: ClassVar[bool] = True  # see `DisturbanceModel`
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
         """Return the drag force; the torque is zero."""
@@ -140,12 +140,12 @@ class TimeVaryingWind(DisturbanceModel):
     `start`.
     """
 
-    base_wind: Wind
+    base_wind: Wind  # wind at time zero
     phase_rate: Float[Array, "waves"]  # rad/s
     turn_angle: Scalar  # rad
     start: Scalar  # s
     ramp_time: Scalar  # s
-    time_invariant: ClassVar[bool] = False
+    time_invariant: ClassVar[bool] = False  # see `DisturbanceModel`
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
         """Return the drag force in the wind at time t; the torque is zero."""
@@ -173,7 +173,7 @@ class Tether(DisturbanceModel):
     anchor: Vector  # m, world
     stiffness: Scalar  # N/m
     length: Scalar  # m, rest length
-    time_invariant: ClassVar[bool] = True
+    time_invariant: ClassVar[bool] = True  # see `DisturbanceModel`
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
         """Return the tension force; the torque is zero."""
@@ -189,7 +189,7 @@ class GaussianJet(DisturbanceModel):
     force: Vector  # N at the center
     center: Vector  # m, world
     width: Scalar  # m, standard deviation of the profile
-    time_invariant: ClassVar[bool] = True
+    time_invariant: ClassVar[bool] = True  # see `DisturbanceModel`
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
         """Return the jet force; the torque is zero."""
@@ -203,7 +203,7 @@ class RotorBias(DisturbanceModel):
 
     thrust: Scalar  # N
     torque: Vector  # N m, body frame
-    time_invariant: ClassVar[bool] = True
+    time_invariant: ClassVar[bool] = True  # see `DisturbanceModel`
 
     def __call__(self, at: PointKinematics, t: Scalar, state: Any) -> tuple[Vector, Vector]:
         """Return the force along the body z axis and the torque."""
@@ -215,7 +215,7 @@ class PayloadDisturbance:
     """Disturbance at a point of the payload."""
 
     name: str = static(default="")  # name of the source in results
-    model: DisturbanceModel
+    model: DisturbanceModel  # force and torque at the point
     point: Vector  # m, payload frame
 
 
@@ -225,7 +225,7 @@ class AgentDisturbance:
 
     body: int = static()  # index of the body in the agent's tree
     name: str = static(default="")  # name of the source in results
-    model: DisturbanceModel
+    model: DisturbanceModel  # force and torque at the point
     point: Float[Array, "*agents 3"]  # m, body frame
     active: Float[Array, "*agents"]  # 1 for agents with this disturbance, 0 for the others
 
@@ -243,7 +243,7 @@ class JointFriction:
 class DisturbanceSet:
     """All disturbances of a scenario."""
 
-    payload: tuple[PayloadDisturbance, ...]
+    payload: tuple[PayloadDisturbance, ...]  # disturbances of the payload
     agents: tuple[tuple[AgentDisturbance, ...], ...]  # one tuple per group
     joints: tuple[JointFriction, ...]  # one per group
     state_functions: tuple[Callable[[State], ResidualForces], ...] = ()  # functions of the state; each is a PyTree
@@ -253,7 +253,7 @@ class DisturbanceSet:
 class DisturbanceState:
     """States of all disturbance models between ticks."""
 
-    payload: tuple[Any, ...]
+    payload: tuple[Any, ...]  # one state per payload disturbance
     agents: tuple[tuple[Any, ...], ...]  # one tuple per group, agents lead
 
 

@@ -47,7 +47,7 @@ class MujocoPlant:
 
     Attributes:
         substeps: Number of MuJoCo steps in one step of the plant.
-        host: MuJoCo model and data on the host.
+        session: MuJoCo model and data on the host.
     """
 
     substeps: int = static()

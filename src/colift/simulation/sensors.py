@@ -43,24 +43,24 @@ class SensorNoise:
 class AgentNoise:
     """Standard normal samples for the sensors of a group at one tick."""
 
-    theta: Float[Array, "*time agents 3"]
-    x: Float[Array, "*time agents 3"]
-    v: Float[Array, "*time agents 3"]
-    omega: Float[Array, "*time agents 3"]
-    a: Float[Array, "*time agents 3"]
-    r: Float[Array, "*time agents n_r"]
-    lam: Float[Array, "*time agents arms 3"]
+    theta: Float[Array, "*time agents 3"]  # attitude, as a rotation vector
+    x: Float[Array, "*time agents 3"]  # position
+    v: Float[Array, "*time agents 3"]  # velocity
+    omega: Float[Array, "*time agents 3"]  # angular velocity
+    a: Float[Array, "*time agents 3"]  # accelerometer
+    r: Float[Array, "*time agents n_r"]  # joint positions
+    lam: Float[Array, "*time agents arms 3"]  # tip forces
 
 
 @pytree
 class PayloadNoise:
     """Standard normal samples for the payload's sensors at one tick."""
 
-    theta: Float[Array, "*time 3"]
-    p: Float[Array, "*time 3"]
-    v: Float[Array, "*time 3"]
-    omega: Float[Array, "*time 3"]
-    a: Float[Array, "*time 3"]
+    theta: Float[Array, "*time 3"]  # attitude, as a rotation vector
+    p: Float[Array, "*time 3"]  # position
+    v: Float[Array, "*time 3"]  # velocity
+    omega: Float[Array, "*time 3"]  # angular velocity
+    a: Float[Array, "*time 3"]  # accelerometer
 
 
 @pytree
@@ -68,7 +68,7 @@ class Noise:
     """Standard normal samples for one tick, or for many with a leading time axis."""
 
     agents: tuple[AgentNoise, ...]  # one per group
-    payload: PayloadNoise
+    payload: PayloadNoise  # noise of the payload's sensors
 
 
 def sample_noise(team: Team, key: Array, ticks: int) -> Noise:
@@ -121,7 +121,7 @@ def sample_tip_bias(team: Team, sensors: SensorNoise, key: Array) -> tuple[Float
 class SensedState:
     """True quantities that the sensors measure at one instant."""
 
-    z: State
+    z: State  # state of the team
     v_dot: tuple[Float[Array, "agents 3"], ...]  # m/s^2, centers of mass, world
     xi_dot: tuple[Float[Array, "agents xi"], ...]  # rad/s^2 (prismatic joints: m/s^2), (omega_dot, r_ddot)
     a_L: Float[Array, "6"]  # m/s^2 and rad/s^2, (v_dot in the world, omega_dot in the payload frame)
@@ -223,7 +223,7 @@ class CalibrationRig(SensorModel):
     ) -> tuple[Measurement, Any]:
         """Set `Measurement.rig`."""
         f = jax.tree.map(lambda f, e, sign: f + e * sign, truth.f, self.label_error, noise)
-        return dataclasses.replace(measurement, rig=RigReading(z=truth.z, f=f)), state
+        return dataclasses.replace(measurement, rig=RigReading(state=truth.z, residual=f)), state
 
     def sample_noise(self, team: Team, key: Array, ticks: int) -> ResidualForces:
         """Draw the signs of the label errors, 1 or -1."""

@@ -29,11 +29,11 @@ Scalar = Float[Array, ""]
 class WorldState:
     """State of `SimulatedWorld` between ticks."""
 
-    state: State
+    state: State  # state of the team
     applied_inputs: TeamInputs  # inputs during the last tick
     filtered_tip_forces: tuple[Float[Array, "agents arms 3"], ...]  # N, low-pass filtered contact forces, world
-    disturbances: disturbances.DisturbanceState
-    actuators: Any
+    disturbances: disturbances.DisturbanceState  # states of the disturbance models
+    actuators: Any  # state of the actuators
     sensors: tuple[Any, ...]  # states of the additional sensors
 
 
@@ -41,9 +41,9 @@ class WorldState:
 class GroundTruth:
     """True quantities at the start of a tick under the inputs of the tick; for the log."""
 
-    state: State
-    inputs: TeamInputs
-    acceleration: contact_dynamics.Acceleration
+    state: State  # state of the team
+    inputs: TeamInputs  # inputs that act during the tick
+    acceleration: contact_dynamics.Acceleration  # accelerations of payload and agents
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces on the payload, world, by group
 
 
@@ -51,7 +51,7 @@ class GroundTruth:
 class WorldNoise:
     """Sensor noise of one tick, or of many ticks with a leading time axis."""
 
-    sensors: sensors_module.Noise
+    sensors: sensors_module.Noise  # noise of the built-in sensors
     sensor_models: tuple[Any, ...]  # noise of the additional sensors
 
 
@@ -147,15 +147,15 @@ class PayloadMassStep:
 class SimulatedWorld:
     """World of the coupled team with disturbances, actuators and sensors; implements `World`."""
 
-    team: Team
-    plant: Plant
-    disturbances: disturbances.DisturbanceSet
+    team: Team  # true parameters
+    plant: Plant  # dynamics of the team
+    disturbances: disturbances.DisturbanceSet  # unmodelled forces
     disturbance_scale: Scalar  # factor on all disturbances: 1 in simulations, 0 in the linearization of the loop
-    actuators: IdealActuators
-    sensors: sensors_module.SensorNoise
+    actuators: IdealActuators  # actuator model
+    sensors: sensors_module.SensorNoise  # standard deviations of the built-in sensors
     tip_force_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames, by group
-    sensor_models: tuple[sensors_module.SensorModel, ...]
-    mass_step: PayloadMassStep | None = None
+    sensor_models: tuple[sensors_module.SensorModel, ...]  # additional sensors
+    mass_step: PayloadMassStep | None = None  # change of the payload mass; None without one
 
     def team_at(self, t: Scalar) -> Team:
         """Return the true parameters at time t [s]."""

@@ -129,7 +129,7 @@ def smooth_pulse(t: Float[Array, "*batch"], start: Scalar, end: Scalar, ramp: Sc
 
     Args:
         t: Time [s].
-        start: Begin of the rise [s].
+        start: Start of the rise [s].
         end: End of the fall [s].
         ramp: Duration of rise and of fall [s].
 

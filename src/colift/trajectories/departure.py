@@ -23,10 +23,10 @@ class PathDeparture:
 
     base: Lissajous  # trajectory before the departure
     offset: Float[Array, "3"]  # m, world
-    start: Float[Array, ""]  # s, begin of the offset
+    start: Float[Array, ""]  # s, start of the offset
     ramp_time: Float[Array, ""]  # s, duration of the rise
     rotation_amplitude: Float[Array, "3"]  # rad, rotation vector in the frame of `base.R`
-    rotation_start: Float[Array, ""]  # s, begin of the oscillation
+    rotation_start: Float[Array, ""]  # s, start of the oscillation
     rotation_period: Float[Array, ""]  # s
 
     def evaluate(self, t: Scalar) -> PayloadSetpoint:

@@ -63,7 +63,7 @@ def minimum_snap_coefficients(t: np.ndarray, p: np.ndarray) -> np.ndarray:
         p: Points, one per row.
 
     Returns:
-        Coefficients of the powers of the time since the begin of each leg, `(legs, 8, columns)`.
+        Coefficients of the powers of the time since the start of each leg, `(legs, 8, columns)`.
     """
     span, pieces = np.diff(t), len(t) - 1
     A, b = [], []

@@ -1,6 +1,6 @@
 """Piecewise reference trajectory: polynomials in position, and legs on SO(3) in attitude.
 
-The attitude of a leg is a rotation relative to its begin, in the payload frame. A rotation of the world therefore
+The attitude of a leg is a rotation relative to its start, in the payload frame. A rotation of the world therefore
 leaves the angular velocity unchanged, and any number of turns is possible.
 
 See Also:
@@ -59,8 +59,8 @@ class RotationLegs:
         Park, Kang, *Smooth invariant interpolation of rotations*, ACM Transactions on Graphics 16, 1997.
     """
 
-    phi: PiecewisePolynomial  # rad, payload frame; zero at the begin of each leg
-    R: Float[Array, "legs 3 3"]  # attitude at the begin of each leg, payload to world
+    phi: PiecewisePolynomial  # rad, payload frame; zero at the start of each leg
+    R: Float[Array, "legs 3 3"]  # attitude at the start of each leg, payload to world
 
     def value(self, t: Scalar) -> Float[Array, "3 3"]:
         """Evaluate the attitude.
@@ -83,7 +83,7 @@ class PoseSpline:
     """
 
     position: PiecewisePolynomial  # m, world
-    attitude: RotationLegs
+    attitude: RotationLegs  # payload to world
 
     def evaluate(self, t: Scalar) -> PayloadSetpoint:
         """Compute the setpoint at time t [s]; see `ReferenceTrajectory`."""

@@ -23,9 +23,9 @@ NEARLY_HORIZONTAL = 1.48
 """Angle between third axis and axis of a leg [rad] above which `MAX_TILTING` does not apply."""
 NO_TURN = 1e-9
 """Angle of a leg without rotation [rad]; the payload is at rest at both ends of such a leg."""
-TOLERANCE = 1e-9
-BISECTIONS = 45
-MAX_PASSES = 60
+TOLERANCE = 1e-9  # relative, of the limits
+BISECTIONS = 45  # steps of the search for a reduction
+MAX_PASSES = 60  # passes over all legs
 
 
 def interpolate_attitudes(t: np.ndarray, R: np.ndarray, delta: np.ndarray | None = None) -> RotationLegs:
@@ -77,16 +77,16 @@ def shortest_turns(R: np.ndarray) -> np.ndarray:
 def leg_polynomials(T: np.ndarray, delta: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Compute the rotation vectors of legs as polynomials of degree 7 of the relative time.
 
-    At the begin `phi' = omega`, `phi'' = omega_dot` and `phi''' = omega_ddot + omega x omega_dot / 2`. At the end the
+    At the start `phi' = omega`, `phi'' = omega_dot` and `phi''' = omega_ddot + omega x omega_dot / 2`. At the end the
     derivatives follow from `phi' = K(phi) omega` with the inverse right Jacobian
     `K = I + hat(phi) / 2 + c(|phi|^2) hat(phi)^2`.
 
     Args:
         T: Durations of the legs [s].
         delta: Rotation vectors of the legs [rad].
-        start: Angular velocity and its derivatives at the begin of each leg, `(legs, 3, 3)`; the second derivative may
+        start: Angular velocity and its derivatives at the start of each leg, `(legs, 3, 3)`; the second derivative may
             be omitted if it is zero, `(legs, 2, 3)`.
-        end: The same at the end.
+        end: Angular velocity and its derivatives at the end of each leg, of the same shape.
 
     Returns:
         Coefficients of the powers of `(t - t_k) / T_k`, `(legs, 8, 3)`.
@@ -187,6 +187,7 @@ def limit_rates(T: np.ndarray, delta: np.ndarray, rates: np.ndarray) -> np.ndarr
 
 
 Excess = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Function that returns by how much each leg exceeds a limit."""
 
 
 def _reduce(

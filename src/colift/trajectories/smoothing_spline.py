@@ -42,7 +42,7 @@ from colift.trajectories.rotation_legs import (
 POSITION_LIMITS = (1e-3, 1e-2)
 """Largest distance of a row, and largest deviation of noise, without a stated deviation [m]."""
 ATTITUDE_LIMITS = (2e-3, 2e-2)
-"""The same for the attitude [rad]."""
+"""Largest angle of a row, and largest deviation of noise, without a stated deviation [rad]."""
 DEGREE = 5
 REFINEMENT = 1.5
 """Ratio of the numbers of knots of two successive fits."""
@@ -96,7 +96,7 @@ class SampleFit:
         largest_angle: Largest angle [rad].
         choices: Deviation [m] and largest acceleration [m/s^2] of the splines that were tried, fewest knots first; the
             last one was chosen.
-        attitude_choices: The same for the attitude [rad, rad/s^2].
+        attitude_choices: Deviation [rad] and largest acceleration [rad/s^2] of the attitude splines that were tried.
     """
 
     knots: SplineKnots
@@ -123,7 +123,7 @@ class _Fit:
         return float(np.sqrt((self.residual**2).mean()))
 
     def follows_rows(self, largest: float, limit: float) -> bool:
-        """Return whether no row is far away, or the deviation is that of noise."""
+        """Return whether all rows are close to the path, or their deviations have the distribution of noise."""
         far = float(self.residual.max())
         return far <= largest or (self.deviation <= limit and far <= MAX_TO_RMS * self.deviation)
 
@@ -149,7 +149,7 @@ def fit_samples(
         deviation: Root-mean-square distance of the rows from the path [m]; the spline with the fewest knots within it
             is chosen. None selects the spline by generalized cross-validation, or the one through the rows if that
             spline does not follow them (`POSITION_LIMITS`).
-        angle: The same for the attitude [rad].
+        angle: Root-mean-square angle of the attitudes of the rows from the spline [rad], used like `deviation`.
 
     Returns:
         The spline and its deviations.

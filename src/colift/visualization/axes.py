@@ -30,7 +30,8 @@ QUADRATIC_DECADES = 8
 """Decades for a quadratic function of an error, such as the attitude error function."""
 SMALLEST_VALUE = 1e-6
 """Lower limit of a logarithmic axis, in the unit of the axis; smaller values are numerical zeros."""
-BRIEF = 0.005  # share of the drawn values that may lie below a logarithmic axis: zero crossings of a norm
+MAX_OMITTED_SHARE = 0.005
+"""Share of the drawn values that may lie below a logarithmic axis, such as those near zero crossings of a norm."""
 TRUE_VALUE_STYLE: dict[str, Any] = {"color": "#88DDCC", "linewidth": 2.2, "solid_capstyle": "butt"}
 """Line style of true values in all figures; estimates are drawn above it in the color of the case."""
 HANDLE_CHARACTERS = 8  # width of a legend handle and its margins
@@ -46,9 +47,9 @@ Cases = Mapping[str, xr.Dataset]  # log of each case
 def log_scale(ax: Axes, decades: int = MAX_DECADES, smallest: float = SMALLEST_VALUE) -> None:
     """Make the y axis logarithmic, with ticks at decades, or at 1, 2 and 5 if it spans less than two decades.
 
-    The axis omits the smallest values, a share of `BRIEF` of all lines. It also ends at a number of decades below the
-    largest value or at a smallest value, which a note then states. A line that falls below the axis ends at its lower
-    edge.
+    The axis omits the smallest values, a share of `MAX_OMITTED_SHARE` of all lines. It also ends at a number of decades
+    below the largest value or at a smallest value, which a note then states. A line that falls below the axis ends at
+    its lower edge.
 
     Args:
         ax: Axes to change, with all lines; axes that share the y axis change too.
@@ -58,7 +59,7 @@ def log_scale(ax: Axes, decades: int = MAX_DECADES, smallest: float = SMALLEST_V
     ax.set_yscale("log")
     low, high = ax.get_ylim()
     if len(values := _drawn_values(ax)):
-        usual = 0.7 * float(np.quantile(values, BRIEF))
+        usual = 0.7 * float(np.quantile(values, MAX_OMITTED_SHARE))
         floor = max(10.0**-decades * float(values.max()), smallest)
         low, high = max(low, usual, floor), max(high, 10 * floor)
         ax.set_ylim(low, high)

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
+from colift.analysis import conclusions
 from colift.certification.assumptions import status_label
 from colift.certification.certificate import Certificate
 from colift.visualization import style
@@ -24,7 +25,7 @@ LAYOUTS = (("", style.PAGE_WIDTH, (1, 2), TITLE_CHARACTERS), ("_column", style.C
 """Versions of figure 6: suffix of the file, width [in], rows and columns, and characters in a line of the title."""
 BOUND_WIDTH, ERROR_WIDTH = 2.0, 0.9
 """Line widths of bounds and of errors, in the color of the case, as in figures 3 and 5 [points]."""
-SERIES = ((style.DASH_PATTERNS[0], "s"), (style.DASH_PATTERNS[1], "o"), (style.DASH_PATTERNS[2], "D"))
+SERIES_STYLES = ((style.DASH_PATTERNS[0], "s"), (style.DASH_PATTERNS[1], "o"), (style.DASH_PATTERNS[2], "D"))
 """Dash pattern and marker of several bounds or factors."""
 
 
@@ -69,7 +70,7 @@ def _fill_certificate(
     if above := ", ".join(dict.fromkeys(ERROR_SYMBOLS[each.error] for each in certificate.violations)):
         first.set_title(f"observed error above its bound: {above}", fontsize=8, color="red")
     if best.assumptions:
-        figure.suptitle(textwrap.fill(f"assumed: {', '.join(best.assumptions)}", title), fontsize=8)
+        figure.suptitle(textwrap.fill(f"assumed: {conclusions.list_assumptions(best.assumptions)}", title), fontsize=8)
 
 
 ERROR_SYMBOLS = {"e_p": "$e_p$", "e_v": "$e_v$", "e_R": "$e_R$", "e_omega": r"$e_\omega$"}
@@ -144,7 +145,7 @@ def plot_bound_vs_data(
         left, right = figure.subplots(1, 2)
         for k, (name, bound) in enumerate(bounds.items()):
             observed = name == "observed"
-            dashes, marker = ("-", "^") if observed else SERIES[k % len(SERIES)]
+            dashes, marker = ("-", "^") if observed else SERIES_STYLES[k % len(SERIES_STYLES)]
             paint = color if observed else style.tint(color, k, len(bounds))
             width = ERROR_WIDTH if observed else BOUND_WIDTH
             kind = {"color": paint, "linestyle": dashes, "linewidth": width, "marker": marker, "markersize": 3.5}
@@ -153,7 +154,7 @@ def plot_bound_vs_data(
         left.plot(n, error, color="0.5", linewidth=0.8, dashes=(4, 2), label="nominal error")
         left.set(ylabel=r"ultimate $\Vert e_p\Vert$ [mm]")
         for k, (name, part) in enumerate(parts.items()):
-            dashes, marker = SERIES[k % len(SERIES)]
+            dashes, marker = SERIES_STYLES[k % len(SERIES_STYLES)]
             kind = {"color": style.tint("0.1", k, len(parts)), "linestyle": dashes, "marker": marker, "markersize": 3.5}
             right.plot(n, np.asarray(part) / part[0], **kind, label=name)
         right.set(ylabel="relative to the smallest data set")

@@ -36,7 +36,7 @@ FRAME_MARGIN = 0.06  # of the size of a view that follows the payload, on each s
 TITLE_SHARE = 0.06  # of the height of a view that follows the payload, for the title
 GROUND_SHARE = 0.15  # of the size of the flight, height up to which a view of the whole flight includes the ground
 VIEW_ROWS = 40  # rows of a flight whose bodies determine the view of the whole flight
-HALO: list[patheffects.AbstractPathEffect] = [
+TEXT_OUTLINE: list[patheffects.AbstractPathEffect] = [
     patheffects.withStroke(linewidth=2.2, foreground="white")
 ]  # around names, which may lie on bodies and arrows
 GRID_SPACING = 1.0  # m, line spacing of the ground grid
@@ -292,7 +292,7 @@ class _Frames:
             text = f"{t:5.2f} s{ended}\nposition error {1e3 * float(case.signals['e_p'][k, 0]):.0f} mm"
             values = ax.text(0.03, 0.03, text, transform=ax.transAxes, va="bottom", fontsize=8)
             for written in (title, values):
-                written.set(path_effects=HALO, zorder=6)
+                written.set(path_effects=TEXT_OUTLINE, zorder=6)
 
 
 def _make_frames(data: Sequence[RenderData], framing: Framing, dpi: float) -> tuple[Figure, _Frames]:
@@ -567,7 +567,7 @@ def _write(ax: Axes, text: str, position: np.ndarray, offset: int, side: Literal
         fontsize=size,
         zorder=5,
     )
-    written.set(path_effects=HALO, linespacing=1.0)
+    written.set(path_effects=TEXT_OUTLINE, linespacing=1.0)
 
 
 def _rotation(q: np.ndarray) -> np.ndarray:

@@ -43,7 +43,7 @@ iframe { width: 100%; height: 860px; border: 1px solid var(--line); }
 """
 CONTACT_COLUMNS = {
     "peak, mean [N]": "largest and mean norm of the true contact force",
-    "internal peak, mean [N]": "the same for its internal part, which applies no wrench to the payload",
+    "internal peak, mean [N]": "largest and mean norm of its internal part, which applies no wrench to the payload",
     "bias x, y, z [N]": "mean of the estimated minus the true force, payload frame",
     "error [N]": "RMS norm of the estimated minus the true force",
 }
@@ -172,11 +172,18 @@ def collect_warnings(summary: Mapping[str, Any], certificate: Mapping[str, Any] 
                 (False, f"{case}: a prediction error exceeds its bound (figure 5) {maximum:.1%} of the time")
             )
     if unproven := summary["error_bound_assumptions"]["unproven_assumptions"]:
-        warnings.append((False, f"the error bounds of figure 5 require unproven assumptions: {', '.join(unproven)}"))
+        warnings.append(
+            (
+                False,
+                f"the error bounds of figure 5 require unproven assumptions: {conclusions.list_assumptions(unproven)}",
+            )
+        )
     if certificate is not None:
         each = certificate["ultimate_bounds"].values()
         assumed = dict.fromkeys(name for bounds in each for name in bounds["unproven_assumptions"])
-        warnings += [(False, f"the certificate requires unproven assumptions: {', '.join(assumed)}")] if assumed else []
+        if assumed:
+            listed = conclusions.list_assumptions(assumed)
+            warnings.append((False, f"the certificate requires unproven assumptions: {listed}"))
     return warnings
 
 

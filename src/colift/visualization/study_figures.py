@@ -53,11 +53,10 @@ TERMINATION_MARKER: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle
 def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], folder: str | Path) -> list[Path]:
     """Write all figures of a study as PDF and PNG (300 dpi).
 
-    Figures 1 and 2 show all cases; they have a second version with the width of one column. Figures with
-    one column per case omit the baselines if there are other cases.
-    Figure 7 shows the cases with online correction, and figure 8 the last case that is no baseline. The line of a case
-    that stopped early ends in a cross. The metadata of each file contain the run id.
-    A folder that cannot be written raises `OSError`.
+    Figures 1 and 2 show all cases; they have a second version with the width of one column. Figures with one column per
+    case omit the baselines if there are other cases. Figure 7 shows the cases with online correction, and figure 8 the
+    last case that is not a baseline. The line of a case that stopped early ends in a cross. The metadata of each file
+    contain the run id. A folder that cannot be written raises `OSError`.
 
     Args:
         cases: Log of each case.

@@ -17,11 +17,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import uniform_filter1d
 
+from colift.analysis import conclusions
 from colift.closed_loop import log
 from colift.visualization import axes, style
 
 INFINITE_MARKER: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.6", "hatch": "//////", "linewidth": 0}
-EXCEEDED: dict[str, Any] = {"color": "red", "marker": "|", "markersize": 4, "linestyle": "none"}
+EXCEEDED_MARKER: dict[str, Any] = {"color": "red", "marker": "|", "markersize": 4, "linestyle": "none"}
 
 
 class FigureRow(NamedTuple):
@@ -111,7 +112,7 @@ def plot_error_radius(cases: axes.Cases, descriptions: Mapping[str, str]) -> Fig
                 ax.fill_between(t, 0, 1, where=~finite, transform=across, **INFINITE_MARKER)
             if over.any():
                 used_markers["exceeded"] = True
-                ax.plot(t[over], np.full(over.sum(), 0.02), transform=across, **EXCEEDED)
+                ax.plot(t[over], np.full(over.sum(), 0.02), transform=across, **EXCEEDED_MARKER)
 
     handles: list[tuple[Artist, str]] = [
         (Line2D([], [], color=axes.GREY, linewidth=1.6), r"error bound $\bar\rho$"),
@@ -119,7 +120,7 @@ def plot_error_radius(cases: axes.Cases, descriptions: Mapping[str, str]) -> Fig
     ]
     figure = _plot_by_body(cases, descriptions, plot_panel, handles, lambda: _marker_legend(used_markers))
     attrs = next(iter(cases.values())).attrs
-    assumptions = str(attrs["bound_assumptions"]).replace("rkhs", "RKHS")
+    assumptions = conclusions.list_assumptions([str(attrs["bound_assumptions"])])
     status = f"assumed: {assumptions}" if assumptions else "all assumptions met"
     figure.suptitle(
         f"{attrs['rho_bound'].replace('_', ' ')} bound, confidence {attrs['rho_confidence']:g}; {status}",
@@ -132,7 +133,7 @@ def _marker_legend(used_markers: Mapping[str, bool]) -> list[tuple[Artist, str]]
     """Return legend entries of the markers that figure 5 contains."""
     entries: dict[str, tuple[Artist, str]] = {
         "unbounded": (Patch(**INFINITE_MARKER), "no finite bound"),
-        "exceeded": (Line2D([], [], **EXCEEDED), "error above bound"),
+        "exceeded": (Line2D([], [], **EXCEEDED_MARKER), "error above bound"),
     }
     return [entry for kind, entry in entries.items() if used_markers[kind]]
 

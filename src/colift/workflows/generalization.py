@@ -28,7 +28,7 @@ def held_out_scenarios(settings: Scenario) -> dict[str, Scenario]:
         Scenario by variant.
 
     Raises:
-        ScenarioError: If the reference is no Lissajous curve.
+        ScenarioError: If the reference is not a Lissajous curve.
     """
     reference = settings.reference
     if not isinstance(reference, schema.Lissajous):

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 MAX_LINES = 30
-"""Lines of a representation in a notebook, at most."""
+"""Largest number of lines of a table in a notebook."""
 
 
 @dataclasses.dataclass(frozen=True)

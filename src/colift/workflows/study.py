@@ -296,7 +296,7 @@ def _limits(settings: Scenario, experiment: Experiment) -> dict[str, Any]:
 
 
 def _bound_assumptions(experiment: Experiment) -> dict[str, Any]:
-    """Return what the error bounds along the run assume; `unproven_assumptions` lists what is not shown."""
+    """Return the assumptions of the error bounds along the run; `unproven_assumptions` lists those without proof."""
     stated = experiment.bound_assumptions
     return {
         "bound": stated.bound,
@@ -304,7 +304,7 @@ def _bound_assumptions(experiment: Experiment) -> dict[str, Any]:
         "rkhs_norm": stated.rkhs_norm,
         "label_error_payload": stated.payload.tolist(),
         "label_error_agents": np.concatenate([eps.ravel() for eps in stated.agents]).tolist(),
-        "unproven_assumptions": list(assumptions.radius_assumptions(experiment)),
+        "unproven_assumptions": list(assumptions.logged_bound_assumptions(experiment)),
     }
 
 

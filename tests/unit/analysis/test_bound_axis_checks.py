@@ -117,7 +117,7 @@ def test_translation_gains_above_the_limit_are_weak():
     settings = planar_teams.bar(turn_deg=90.0)
     found = translation_finding(settings)
     assert found.level is bound_axis_checks.TRANSLATION_GAIN_LEVEL is Level.weak
-    assert found.message.startswith("translation acts through bound tips with a zero at ")
+    assert found.message.startswith("agents rotate to apply horizontal forces, so translation has a right half-plane")
     assert "control.K_v = 4.2 1/s across the vertical (limit 3.67)" in found.message
     (advice,) = found.advice
     assert re.fullmatch(

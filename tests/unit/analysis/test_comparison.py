@@ -96,7 +96,7 @@ def test_folders_that_are_no_runs_have_one_line_each(tmp_path):
         "is damaged",
         "no entry 'complete'",
         "contains flights of",
-        "is no folder",
+        "is not a folder",
     )
     assert len(lines) == 7
     for line, part in zip(lines, (*expected, "no folder contains case C3"), strict=True):

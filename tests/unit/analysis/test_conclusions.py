@@ -42,3 +42,9 @@ def test_ratios_have_two_digits():
     ratios = [conclusions.format_ratio(value, 1e-3) for value in (1e-3, 2.2e-4, 1.9e-5, 0.5, None)]
     assert ratios == ["1.00", "0.22", "0.019", "500", "none"]
     assert conclusions.format_ratio(1.0, 0.0) == conclusions.format_ratio(1.0, None) == "none"
+
+
+def test_assumptions_are_listed_with_capitals():
+    """Abbreviations of stored names are printed in capital letters."""
+    assert conclusions.list_assumptions(["rkhs norm", "first order"]) == "RKHS norm, first order"
+    assert conclusions.list_assumptions([]) == ""

@@ -47,8 +47,8 @@ class Spring:
         return float(np.log(np.abs(np.linalg.eigvals(self.M)).max()) / DT)
 
 
-def slopes(of: Spring) -> gain_tuning.Slopes:
-    return gain_tuning.decay_rates(
+def slopes(of: Spring) -> gain_tuning.ValuesAndGradients:
+    return gain_tuning.growth_rates(
         of.M, [Spring(of.steps + gain_tuning.DIFFERENCE_STEP * e).M for e in np.eye(FREE)], DT
     )
 
@@ -210,11 +210,11 @@ def test_tune_simulates_from_the_better_start(monkeypatch: pytest.MonkeyPatch):
     fake = lambda to: Fake(**known_cost | {"settings": to})  # noqa: E731
     K = lambda of: (float(of.settings.control.K_p[0]), float(of.settings.control.K_v[0]))  # noqa: E731
 
-    def slopes(of: Any) -> gain_tuning.Slopes:
+    def slopes(of: Any) -> gain_tuning.ValuesAndGradients:
         rate = gain_tuning.TUNED_GAINS[1, :6]
         return np.array([of.cost]), (of.cost * rate)[None]
 
-    def flown_slopes(of: gain_tuning.FlightCost) -> gain_tuning.Slopes:
+    def flown_slopes(of: gain_tuning.FlightCost) -> gain_tuning.ValuesAndGradients:
         return np.array([of.cost]), (of.cost * -(gain_tuning.TUNED_GAINS[0, :6] + gain_tuning.TUNED_GAINS[1, :6]))[None]
 
     monkeypatch.setattr(gain_tuning, "linearize_scenario", fake)

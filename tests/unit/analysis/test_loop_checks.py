@@ -164,14 +164,14 @@ def test_unknown_margins_are_no_failure():
 def test_predicted_growth_is_that_of_the_changed_loop(gain: float, ticks: int):
     """To first order the growth of the varied loop follows a change of the gains by 1 %."""
     c1, loop = small_loop()
-    varied = stability.vary_loop(loop.x, loop.M, loop.dt, gain, ticks)
+    varied = stability.vary_loop(loop.equilibrium, loop.step_jacobian, loop.dt, gain, ticks)
     settings = light.settings()
     control = settings.control.model_copy(update={"agent_k_omega": 1.01 * settings.control.agent_k_omega})
     changed = experiment.make_experiment(light.settings(control=control), "C1")
     z = initial_states.equilibrium_state(settings, c1.world.team)
-    Mv = stability.directional_derivative(changed, z, loop.x, varied.right[: len(loop.M)])
-    M = stability.step_jacobian(changed, z, loop.x)
-    exact = stability.vary_loop(loop.x, M, loop.dt, gain, ticks).growth
+    Mv = stability.directional_derivative(changed, z, loop.equilibrium, varied.right[: len(loop.step_jacobian)])
+    M = stability.step_jacobian(changed, z, loop.equilibrium)
+    exact = stability.vary_loop(loop.equilibrium, M, loop.dt, gain, ticks).growth
     assert abs(exact - varied.growth) > 1e-4
     assert varied.predict_growth(Mv) - varied.growth == pytest.approx(exact - varied.growth, rel=0.1)
 
@@ -179,8 +179,10 @@ def test_predicted_growth_is_that_of_the_changed_loop(gain: float, ticks: int):
 @pytest.mark.long
 def test_margin_advice_names_gains_that_lower_the_growth():
     _, loop = small_loop()
-    varied = stability.vary_loop(loop.x, loop.M, loop.dt, 3.0)
-    (text,) = remedies.margin_changes(light.settings(), loop.x, {"3 times the commands": varied}, BUDGET).values()
+    varied = stability.vary_loop(loop.equilibrium, loop.step_jacobian, loop.dt, 3.0)
+    (text,) = remedies.margin_changes(
+        light.settings(), loop.equilibrium, {"3 times the commands": varied}, BUDGET
+    ).values()
     assert text.startswith("--set control.")
     assert f"with 3 times the commands from {varied.growth:+.3g} to " in text
 
@@ -193,7 +195,7 @@ def test_displacement_is_force_over_stiffness():
     """A vertical force of 1 N displaces all bodies by `1 / (K_p (m_L + sum m))`, with the nominal payload mass."""
     c1, loop = small_loop()
     settings = light.settings()
-    p, theta = stability.rest_displacement(c1, c1.initial_state, loop.x, loop.M)
+    p, theta = stability.rest_displacement(c1, c1.initial_state, loop.equilibrium, loop.step_jacobian)
     masses = settings.nominal.payload.mass_kg + 3 * 1.5
     expected = 1 / (settings.control.K_p[2] * masses)
     np.testing.assert_allclose(p, [0, 0, expected], atol=0.02 * expected)

@@ -80,8 +80,10 @@ def test_a_dense_table_that_starts_in_motion_is_for_a_table(tmp_path):
     t = 0.08 * np.arange(60)
     rows = np.column_stack([t, np.sin(t), 0 * t, 2 + 0 * t])
     seen = found(waypoints(*map(tuple, rows.tolist())))
-    assert re.search(r"accelerates by [\d.]+ m/s² at [\d.]+ s in leg 1 .*; the team has [\d.]+ m/s²", seen.message)
-    assert seen.advice[-1].startswith("kind: sampled with these poses as a table takes the start velocity along")
+    assert re.search(
+        r"accelerates by [\d.]+ m/s² at [\d.]+ s in leg 1 .*; the limit of the team is [\d.]+ m/s²", seen.message
+    )
+    assert seen.advice[-1].startswith("kind: sampled with these poses as a table keeps the start velocity")
     quiet = found(sampled(tmp_path, rows))
     assert quiet.advice == ()
     assert quiet.values["acceleration_mps2"] == pytest.approx(1, rel=0.05)

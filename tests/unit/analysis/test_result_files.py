@@ -173,7 +173,7 @@ def test_a_file_of_the_present_schema_is_returned_as_it_is(tmp_path):
     ("text", "message"),
     [
         ("{", r"summary.json:1: not JSON"),
-        ("[]", "summary.json: not JSON of colift"),
+        ("[]", "summary.json: must contain a JSON object"),
         ('{"observed": {}}', "summary.json: has no entry cases, so it is not a result file of colift"),
         ('{"schema": 3, "cases": {}}', "summary.json: is of schema 3; this version of colift reads schema 2 and 1"),
     ],

@@ -67,7 +67,7 @@ def test_time_varying_source_is_assumed_steady(monkeypatch):
     monkeypatch.setattr(Wind, "time_invariant", False)
     named = ("time invariance of load_wind", "time invariance of agent_wind")
     assert assumptions_of(one) == (*ALWAYS, *named)
-    assert assumptions.radius_assumptions(one)[-2:] == named
+    assert assumptions.logged_bound_assumptions(one)[-2:] == named
     none = dataclasses.replace(one.world.disturbances, payload=(), agents=((),))
     assert assumptions_of(world(one, disturbances=none)) == ALWAYS
 
@@ -76,7 +76,7 @@ def test_run_bounds_assume_the_estimated_state():
     """Bounds along a run assume the estimated state, and for some baselines a posterior mean."""
     bound = paper.paper_experiment("C3").bound_assumptions.assumed
     assert bound == ("rkhs norm", "bounded noise energy")
-    assert assumptions.radius_assumptions(exact_sensors()) == (*bound, assumptions.SAMPLED)
+    assert assumptions.logged_bound_assumptions(exact_sensors()) == (*bound, assumptions.SAMPLED)
     cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))
     for case, one in cases.items():
         is_baseline = case in (
@@ -88,7 +88,7 @@ def test_run_bounds_assume_the_estimated_state():
             "gp_label_feedback",
         )
         expected = (*bound, assumptions.NOISE, assumptions.SAMPLED, *((assumptions.MEAN,) if is_baseline else ()))
-        assert assumptions.radius_assumptions(one) == expected, case
+        assert assumptions.logged_bound_assumptions(one) == expected, case
 
 
 def test_sources_have_the_names_of_the_scenario():

@@ -239,7 +239,7 @@ DAMAGES = {
     "the variable r is missing": without("r"),
     "the coordinate time is missing or has a wrong type": without("time"),
     "the coordinate agent is missing": without("agent"),
-    "joint and joint_order must come together": without("joint_order"),
+    "joint and joint_order must occur together": without("joint_order"),
     "the variable p has the dimensions": lambda ds: ds.assign(p=ds.p.isel(axis=0, drop=True)),
     "the variable p contains no numbers": lambda ds: ds.assign(p=ds.p.astype(str)),
     "the variable lam has 1 values that are not finite": with_value("lam", np.nan),

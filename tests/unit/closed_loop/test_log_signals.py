@@ -70,7 +70,7 @@ def test_all_joints_are_in_team_order():
     np.testing.assert_array_equal(joints.sel(joint=ds.joint.values), ds.tau_r)
     np.testing.assert_array_equal(joints.sel(joint=ds.prismatic_joint.values), ds.tau_r_prismatic)
     assert log.all_joints(ds, "sigma_f_r").dims == ("time_sigma", "joint")
-    with pytest.raises(KeyError, match="p is no joint signal"):
+    with pytest.raises(KeyError, match="p is not a joint signal"):
         log.all_joints(ds, "p")
 
 

@@ -1,4 +1,4 @@
-"""The environments of the proof, the package's statement of supported versions, and the workflow."""
+"""The environments of the evidence, the package's statement of supported versions, and the workflow."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def test_failed_replay_leaves_the_result_unchanged(store, change, item, limit_s,
     before = evidence._record("proof")
     holds, line = restamp.restamp("proof", item, limit_s)
     assert not holds
-    assert "left alone" in line
+    assert "not changed" in line
     assert why in line
     assert evidence._record("proof") == before
 
@@ -80,7 +80,7 @@ def test_uncommitted_code_is_not_stamped(project, store):
     """A stamp names a commit from which the result can be repeated."""
     store({"1": stored(2 / 3)})
     (project / "benchmarks" / "model.py").write_text("def scale(x):\n    return x * 2.0 / 3\n")
-    assert restamp.restamp("proof") == (False, "left alone: not committed: benchmarks/model.py")
+    assert restamp.restamp("proof") == (False, "not changed: not committed: benchmarks/model.py")
 
 
 @pytest.mark.parametrize(

@@ -53,12 +53,12 @@ def test_text_that_is_not_utf_8_is_refused_with_its_line(tmp_path: Path):
     ("text", "reason"),
     [
         ('{"a": 1,\n', "file:2: not JSON"),
-        ("[1]", "no object"),
+        ("[1]", "must contain a JSON object"),
         ("[" * 100_000, "nested too deeply"),
         ("", "file:1: not JSON"),
-        ('{"a": NaN}', r"file: not JSON \(NaN is no number\)"),
-        ('{"a": [-Infinity]}', "-Infinity is no number"),
-        ('{"a": "\\ud800"}', "a text with a lone surrogate"),
+        ('{"a": NaN}', r"file: not JSON \(NaN is not a number\)"),
+        ('{"a": [-Infinity]}', "-Infinity is not a number"),
+        ('{"a": "\\ud800"}', "a text contains a lone surrogate"),
         ('{"a": ' + "9" * 5000 + "}", "file: not JSON"),
     ],
 )

@@ -158,11 +158,11 @@ GOOD = "0,0,0,1\n1,1,0,1\n"
         (GOOD, "", "has no line of column names: state reference.columns, such as [time_s, x_m, y_m, z_m]"),
         (f"time,x_m,y_m,z_m\n{GOOD}", "", "line 1: one column of time is required (time_s, time_ms, time_us, time_ns)"),
         (f"time_s,x_m,y_m,h\n{GOOD}", "", "line 1: column z_m is required"),
-        (f"{HEAD},qw\n0,0,0,1,1\n1,0,0,1,1\n", "", "line 1: qw, qx, qy, qz come together"),
+        (f"{HEAD},qw\n0,0,0,1,1\n1,0,0,1,1\n", "", "line 1: qw, qx, qy, qz must occur together"),
         (
             f"{HEAD},roll_deg,yaw_deg\n0,0,0,1,1,1\n",
             "",
-            "line 1: roll_deg, pitch_deg, yaw_deg come together, or yaw_deg",
+            "line 1: roll_deg, pitch_deg, yaw_deg must occur together, or yaw_deg",
         ),
         (
             f"{HEAD},yaw_deg,yaw_rad\n0,0,0,1,1,1\n",

@@ -181,7 +181,7 @@ WRONG = [  # original text, replacement, line of the error
     ("name: tether,", "name: tether, body: waist,", "disturbances[1].body: must be omitted"),
     ("name: tether,", "name: load_wind,", "disturbances[1].name: 'load_wind' is used twice"),
     ("name: rear,", "name: front,", "agents[1].name: 'front' is used twice"),
-    ("name: rear,", "name: payload,", "agents[1].name: 'payload' has a meaning of its own"),
+    ("name: rear,", "name: payload,", "agents[1].name: 'payload' is a reserved name"),
     ("name: rear, type: two_arms", "name: rear, type: two_arm", "agents[1].type: 'two_arm' is not one of agent_types"),
     ("[[-0.5, 0.36, 0.05], ", "[", "agents[1].contact_positions_m [m]: must hold one contact for each of the 2 arms"),
     (
@@ -204,7 +204,7 @@ WRONG = [  # original text, replacement, line of the error
     ("seed: 0", "seed: !!bool foo", "s.yaml:7: seed: tags are not used in a scenario, got '!!bool'"),
     ("seed: 0", "seed: 0\nseed: 1", "s.yaml:7: seed: occurs twice, in lines 7 and 8"),
     ("seed: 0", "1: 0", "scenario: the name of a setting must be text, got '1' in line 7"),
-    ("seed: 0", "<<: 0", "scenario: `<<` takes a section, or a list of them, got '0'"),
+    ("seed: 0", "<<: 0", "scenario: `<<` must be a section, or a list of sections, got '0'"),
     ("name: sample", 'name: "\\ud800"', "name: holds characters that are not text"),
     ("name: sample", f"name: {'x' * 101}", "name: must have at most 100 characters"),
     ("control_Hz: 500", "control_Hz: 19", "control_Hz [Hz]: must be from 20 to 10000 (attitude loops require 20 Hz"),
@@ -363,7 +363,7 @@ def test_override_replaces_an_invalid_value():
         ("payloda.mass_kg=2", "--set payloda: is not a setting here; did you mean 'payload'?"),
         ("payload={mass_kg: 2}", "--set payload.inertia_kgm2 [kg m²]: is required"),
         ("payload=[2", "--set payload: not valid YAML"),
-        ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, as payload.mass_kg=2"),
+        ("payload.mass_kg", "--set 'payload.mass_kg': must be `path=value`, for example payload.mass_kg=2"),
         ("=2", "--set '=2': must be `path=value`"),
         ("agents.2.name=a", "--set agents.2.name: must be one of the list's entries 0 to 1 ('front', 'rear'), got '2'"),
         (

@@ -216,10 +216,10 @@ def test_rig_reports_true_state_and_bounded_label_errors():
     held = sensors_module.CalibrationRig(label_error=rig)
     noise, m = held.sample_noise(team, jax.random.key(2), TICKS), ideal()
     sample = jax.vmap(lambda drawn: held.apply(m, truth, CLOCK, (), drawn)[0])(noise).rig
-    for reported, state in zip(jax.tree.leaves(sample.z), jax.tree.leaves(z), strict=True):
+    for reported, state in zip(jax.tree.leaves(sample.state), jax.tree.leaves(z), strict=True):
         np.testing.assert_array_equal(reported, np.broadcast_to(state, reported.shape))
     signs = []
-    for reported, f, e in zip(*map(jax.tree.leaves, (sample.f, truth.f, rig)), strict=True):
+    for reported, f, e in zip(*map(jax.tree.leaves, (sample.residual, truth.f, rig)), strict=True):
         error = np.asarray(reported) - np.asarray(f)
         np.testing.assert_allclose(np.abs(error), np.broadcast_to(e, error.shape), rtol=1e-12)
         signs.append(np.sign(error).reshape(TICKS, -1))
@@ -235,7 +235,7 @@ def test_rig_without_error_reports_the_residual():
     team, _, truth = case()
     held, none = sensors_module.CalibrationRig(label_error=zero_residual(team)), zero_residual(team)
     m, _ = held.apply(ideal(), truth, CLOCK, (), none)
-    jax.tree.map(np.testing.assert_array_equal, m.rig.f, truth.f)
+    jax.tree.map(np.testing.assert_array_equal, m.rig.residual, truth.f)
 
 
 # Intermittent measurements and bias walks -----------------------------------------------------------------------------

@@ -21,7 +21,7 @@ class InternalForceSchedule:
     """Internal-force input that rises from zero, stays constant, and returns to zero."""
 
     eta: Float[Array, " eta"]  # N, coordinates in the null space of the allocation
-    start: Scalar  # s, begin of the rise
+    start: Scalar  # s, start of the rise
     end: Scalar  # s, end of the fall
     ramp: Scalar  # s, duration of rise and of fall
 

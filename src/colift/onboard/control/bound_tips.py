@@ -146,7 +146,7 @@ def rotation_z(yaw: float) -> np.ndarray:
 
 
 def default_yaw_gains(zero: float, k_R: float, k_omega: float) -> tuple[float, float]:
-    """Compute yaw gains that a right half-plane zero permits, at most the given ones.
+    """Limit yaw gains to values that a right half-plane zero permits.
 
     `k_R,z = min(k_R, (r z)^2)`, `k_omega,z = min(k_omega, 2 d sqrt(k_R,z))` with `BANDWIDTH_RATIO` r and
     `DAMPING_RATIO` d. Gains without a limit are returned unchanged.

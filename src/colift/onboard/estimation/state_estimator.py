@@ -248,7 +248,7 @@ class StateEstimate:
     """State estimate of one control period."""
 
     agents: tuple[AgentState, ...]  # by group
-    payload: PayloadState
+    payload: PayloadState  # estimated payload state
     a_L: Float[Array, "6"]  # payload acceleration, m/s^2 world and rad/s^2 payload frame; the latter is not filtered
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, measured contact forces on the payload, world, by group
     sample: TrainingSample | None = None  # None if the estimator computes no labels

@@ -94,8 +94,9 @@ def enforce_physical_consistency(theta: np.ndarray, nominal: Payload) -> np.ndar
 
     The result satisfies ``M - M(theta) >= M / 10`` with the nominal spatial inertia ``M`` and
     ``M(theta) = [[m I, -hat(m c)], [hat(m c), J]]``. With a negative inertia, commands would act in the wrong
-    direction for all gains. Parameters are scaled down in the order of their uncertainty: first ``J``, then ``J`` and
-    ``m c``, then all.
+    direction for all gains. One common factor reduces the moments of inertia ``J``, which are the least certain
+    parameters. If no factor is sufficient, it reduces ``J`` and ``m c``; if this is not sufficient either, it reduces
+    all parameters.
 
     Args:
         theta: Nominal minus true rigid-body parameters, in the order of `inertial_regressor`.

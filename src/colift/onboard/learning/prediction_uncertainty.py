@@ -242,7 +242,8 @@ def agent_label_bias_std(
         t: Times [s].
         arms: Number of arms of each agent.
         mass: Masses of the agents [kg].
-        lever: Root of the sum of squares of the tip Jacobian over arms and axes, of each moment on base and joints [m].
+        lever: Lever of the tip forces for each moment on base and joints [m]: root of the sum, over arms and axes, of
+            the squared entries of the tip Jacobian.
 
     Returns:
         Standard deviations of force [N], base moment [N m] and joint torques [N m or N].

@@ -156,7 +156,7 @@ class RigRecorder(DataRecorder):
             raise ValueError(
                 "the measurement contains no rig reading; this recorder requires the sensor model `CalibrationRig`"
             )
-        z, f = measurement.rig.z, measurement.rig.f
+        z, f = measurement.rig.state, measurement.rig.residual
         payload = flatten_payload_state(z.payload, jnp.zeros(6)), jnp.concatenate([f.payload.F, f.payload.tau])
         agents = tuple(
             (jax.vmap(flatten_agent_state)(q), jnp.concatenate([g.f_x, g.f_w, g.f_r], axis=1))

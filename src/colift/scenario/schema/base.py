@@ -79,10 +79,10 @@ def _ascending(limits: tuple[float, float] | None) -> tuple[float, float] | None
     return limits
 
 
-NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
-PART = r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*"
+NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"  # pattern of a name
+PART = r"[A-Za-z_][A-Za-z0-9_]*(\.[A-Za-z_][A-Za-z0-9_]*)*:[A-Za-z_][A-Za-z0-9_]*"  # pattern of `module:Name`
 Name = Annotated[str, Field(strict=True, pattern=NAME, max_length=100)]
-Row = tuple[fields.InertiaEntry, fields.InertiaEntry, fields.InertiaEntry]
+Row = tuple[fields.InertiaEntry, fields.InertiaEntry, fields.InertiaEntry]  # row of an inertia
 Rows = tuple[Row, Row, Row]
 Inertia = Annotated[Rows, BeforeValidator(_inertia), AfterValidator(_physical)]
 Vector = tuple[float, float, float]
@@ -111,13 +111,13 @@ class Section(BaseModel):
 
     @classmethod
     def model_validate(cls: type[S], obj: Any, **options: Any) -> S:
-        """Validate data; as `pydantic.BaseModel`, but a mistake raises ScenarioError with one line per mistake."""
+        """Validate data; as `pydantic.BaseModel`, but invalid settings raise ScenarioError with one line per error."""
         with raise_scenario_errors(cls):
             return super().model_validate(obj, **options)
 
     @classmethod
     def model_validate_json(cls: type[S], json_data: str | bytes | bytearray, **options: Any) -> S:
-        """Validate JSON; as `pydantic.BaseModel`, but a mistake raises ScenarioError with one line per mistake."""
+        """Validate JSON; as `pydantic.BaseModel`, but invalid settings raise ScenarioError with one line per error."""
         with raise_scenario_errors(cls):
             return super().model_validate_json(json_data, **options)
 
@@ -127,7 +127,7 @@ class Section(BaseModel):
 
 
 class PluginReference(Section):
-    """Plugin of the user. Loading the scenario imports its module, which executes it (docs/change_a_part.md)."""
+    """User-defined part. Loading the scenario imports its module, which executes it (docs/change_a_part.md)."""
 
     class_path: Annotated[str, Field(strict=True, max_length=200), AfterValidator(_module_and_name)]
     """`module:Name` of a subclass of `colift.scenario.Section` with a method `build`, in a module beside the file."""
@@ -145,7 +145,7 @@ class PluginReference(Section):
 
 
 class Plugin(PluginReference):
-    """Plugin of the user as one of several kinds. Loading the scenario imports its module, which executes it."""
+    """User-defined part, selected by `kind: plugin`. Loading the scenario imports its module, which executes it."""
 
     kind: Literal["plugin"]
     """Selects a plugin."""

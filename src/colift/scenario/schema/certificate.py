@@ -15,7 +15,7 @@ from colift.scenario.schema.shared import AgentForceMagnitudes, ForceMagnitudes,
 class Certificate(ResidualNorm):
     """Assumptions of the error bounds; the results list those that the scenario does not satisfy by construction.
 
-    Label errors include all parts of the residual that are no function of the state.
+    Label errors include all parts of the residual that are not a function of the state.
     """
 
     error_bound: Literal["energy", "srinivas", "abbasi_yadkori", "chowdhury_gopalan", "fiedler"] = "energy"
@@ -37,9 +37,9 @@ class TerminationLimits(Section):
     """Largest distance of the payload from its reference."""
     min_height_m: fields.Coordinate | None = None
     """Smallest height of the payload and of every agent (centers of mass); default: no limit."""
-    max_attitude_error_deg: fields.AnyAngle = 90.0
+    max_attitude_error_deg: fields.AngleLimit = 90.0
     """Largest angle between the payload's attitude and its reference; 180 for no limit."""
-    max_tilt_deg: fields.AnyAngle = 90.0
+    max_tilt_deg: fields.AngleLimit = 90.0
     """Largest angle between an agent's thrust and the vertical; 180 for no limit."""
     max_saturation_time_s: fields.Span = 2.0
     """Longest uninterrupted time of a thrust at zero or at `thrust_max_N`."""

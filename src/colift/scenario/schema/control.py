@@ -67,7 +67,9 @@ class Control(Section):
 class InternalForces(Ramp, Interval):
     """Internal forces from the start of their rise to the end of their decay; they apply no wrench to the payload."""
 
-    squeeze_pairs: Annotated[tuple[tuple[str, str, fields.Newton], ...], Field(min_length=1, max_length=MAX_ENTRIES)]
+    squeeze_pairs: Annotated[
+        tuple[tuple[str, str, fields.ForceComponent], ...], Field(min_length=1, max_length=MAX_ENTRIES)
+    ]
     """Entries `[contact a, contact b, N]`: force that presses a and b together along their line; negative: apart."""
 
 

@@ -122,7 +122,7 @@ class RotorBias(_TorqueDisturbance):
 
     kind: Literal["rotor_bias"]
     """Selects this disturbance."""
-    thrust_N: fields.Newton = 0.0
+    thrust_N: fields.ForceComponent = 0.0
     """Added thrust, along the third axis of the body."""
 
 
@@ -135,7 +135,7 @@ class JointFriction(_Disturbance):
     """Viscous coefficient; in N s/m for a prismatic joint."""
     coulomb_Nm: fields.DryFriction = 0.0
     """Coulomb friction; in N for a prismatic joint."""
-    smoothing_speed_radps: fields.SlowSpeed = 0.05
+    smoothing_speed_radps: fields.SmoothingSpeed = 0.05
     """Joint velocity below which Coulomb friction is smoothed; in m/s for a prismatic joint."""
 
 

@@ -85,5 +85,5 @@ class BaselineTuning(Section):
     """Prior standard deviation of the payload's first moments of mass, case `parametric`."""
     inertia_prior_std_kgm2: fields.Deviation = 0.05
     """Prior standard deviation of the payload's inertia error, case `parametric`."""
-    ridge_alpha: Annotated[fields.Deviations, unit("label noise over weight, squared")] = (0.3, 0.3)
+    ridge_alpha: Annotated[fields.Deviations, unit("squared ratio of label noise and weight")] = (0.3, 0.3)
     """Regularization of the weights of force outputs, and of moment and joint outputs, case `regression`."""

@@ -38,7 +38,7 @@ class _SensorModel(Section):
     """Settings that all sensor models have."""
 
     channels: Readings
-    """Readings of the payload or of all agents: position p or x, attitude R (perturbed about body axes), and others."""
+    """Names of the readings, of the payload or of all agents; errors of an attitude R are rotations about body axes."""
 
 
 class Intermittent(Delayed, _SensorModel):

@@ -31,7 +31,7 @@ class Interval(Start):
 
 
 class RampTime(Section):
-    """Section of settings that change gradually, over a ramp time."""
+    """A gradual change that takes a ramp time."""
 
     ramp_time_s: fields.Span
     """Duration of each smooth rise, decay or change."""
