@@ -235,7 +235,7 @@ class LeaderFollowerController:
         )
         corrector = state.corrector
         if self.residual_corrector is not None:
-            corrector, correction = self.residual_corrector.update(
+            correction, corrector = self.residual_corrector.update(
                 corrector, self.team, self.residual_model, estimate, clock
             )
             context = dataclasses.replace(context, correction=correction)

@@ -261,7 +261,8 @@ def corrections(
     def step(state: Any, context: tuple) -> tuple:
         k, *inputs = context
         clock = ControlClock(t=k.astype(float) * DT, dt=jnp.array(DT))
-        return corrector.update(state, team, model(k), estimate_with_label(*inputs), clock)
+        correction, state = corrector.update(state, team, model(k), estimate_with_label(*inputs), clock)
+        return state, correction
 
     team = light_experiment().controller.team  # made before anything is traced
     inputs = (np.arange(len(p)), p, labels, np.asarray(on, float), sample_intervals(on))

@@ -102,8 +102,8 @@ class ResidualCorrector(Protocol):
         model: residual_model.ResidualModel,
         estimate: StateEstimate,
         clock: ControlClock,
-    ) -> tuple[Any, ResidualCorrection]:
-        """Advance the estimator by one control period; return its state and the correction."""
+    ) -> tuple[ResidualCorrection, Any]:
+        """Advance the estimator by one control period; return the correction and its state."""
         ...
 
 
@@ -214,7 +214,7 @@ class ResidualKalmanFilter:
 
             corrector = ResidualKalmanFilter(std=std, tip_bandwidth=jnp.array(50.0))
             state = corrector.init(team)
-            state, correction = corrector.update(state, team, model, estimate, clock)
+            correction, state = corrector.update(state, team, model, estimate, clock)
 
     References:
         Hartikainen, Särkkä, *Kalman filtering and smoothing solutions to temporal Gaussian process regression models*,
@@ -295,7 +295,7 @@ class ResidualKalmanFilter:
         model: residual_model.ResidualModel,
         estimate: StateEstimate,
         clock: ControlClock,
-    ) -> tuple[KalmanState, ResidualCorrection]:
+    ) -> tuple[ResidualCorrection, KalmanState]:
         """Advance the filter by one control period.
 
         Args:
@@ -306,7 +306,7 @@ class ResidualKalmanFilter:
             clock: Time and period [s].
 
         Returns:
-            The next filter state and the correction.
+            The correction and the next filter state.
 
         Raises:
             ValueError: If the estimator provides no labels.
@@ -332,7 +332,7 @@ class ResidualKalmanFilter:
             label_valid=sample.valid,
             nis=sample.valid * nis.mean(),
         )
-        return dataclasses.replace(next_state, update_index=model.update_index), correction
+        return correction, dataclasses.replace(next_state, update_index=model.update_index)
 
     def filter(
         self, state: KalmanState, f: Outputs, y: Outputs, sample: TrainingSample, dt: Scalar
@@ -513,7 +513,7 @@ class LabelFilter:
         model: residual_model.ResidualModel,
         estimate: StateEstimate,
         clock: ControlClock,
-    ) -> tuple[LabelFilterState, ResidualCorrection]:
+    ) -> tuple[ResidualCorrection, LabelFilterState]:
         """Advance the filter by one control period.
 
         Args:
@@ -524,7 +524,7 @@ class LabelFilter:
             clock: Time and period [s].
 
         Returns:
-            The next filter state and the correction.
+            The correction and the next filter state.
 
         Raises:
             ValueError: If the estimator provides no labels.
@@ -581,7 +581,7 @@ class LabelFilter:
             prediction=f,
             label_valid=sample.valid,
         )
-        return next_state, correction
+        return correction, next_state
 
 
 def predict(model: residual_model.ResidualModel, team: Team, estimate: StateEstimate) -> ResidualForces:
