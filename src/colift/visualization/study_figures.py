@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from colift.closed_loop import log
+from colift.closed_loop import log, log_signals
 from colift.visualization import axes as axes_module
 from colift.visualization import contact_force_figures, rendering, team_figure, uncertainty_figures
 from colift.visualization.style import (
@@ -322,7 +322,7 @@ def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
 def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
     """Plot figure 7: position error, corrected payload force, corrections of agents, weight, and number of samples.
 
-    Of the payload force, the component with the largest labels is shown: label, model, and model with correction and
+    Of the payload force, the component that varies most is shown: label, model, and model with correction and
     95 % interval. The correction weight is that of the payload, averaged over force and moment. Spans in which it is
     below 0.5 are shaded: labels are missing. Vertical lines mark change points and refits.
 
@@ -335,7 +335,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     """
     figure = Figure(figsize=(PAGE_WIDTH * max(1, len(cases) / axes_module.COLUMNS), 6.0))
     grid = figure.subplots(5, len(cases), sharex=True, sharey="row", squeeze=False)
-    shown = _largest_component(cases)
+    shown = _varying_component(cases)
     weights = {name: log.stack_parts(ds, "correction_weight_L").mean("component") for name, ds in cases.items()}
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         t, agents = axes_module.decimate(ds, ds.time), ds.agent.values.tolist()
@@ -372,10 +372,10 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     return figure
 
 
-def _largest_component(cases: axes_module.Cases) -> str:
-    """Return the axis along which the labels of the payload force have the largest mean square."""
-    powers = sum((ds.label_L_force**2).mean("time") for ds in cases.values())
-    return str(powers.axis.values[int(np.argmax(powers.values))])
+def _varying_component(cases: axes_module.Cases) -> str:
+    """Return the axis along which the labels of the payload force vary most."""
+    variances = [ds.label_L_force.var("time").values for ds in cases.values()]
+    return log_signals.AXES[int(np.argmax(np.sum(variances, axis=0)))]
 
 
 def _plot_corrected_force(ax: Axes, name: str, ds: xr.Dataset, axis: str) -> None:

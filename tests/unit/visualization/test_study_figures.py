@@ -276,7 +276,7 @@ def test_figure_7_draws_corrections_and_change_points(cases, tmp_path):
     figure = study_figures.plot_online_correction({"C3": with_labels}, TOLD)
     error, payload, agents, used, points = figure.axes
     np.testing.assert_allclose(used.lines[0].get_ydata(), 0.75 * weight, rtol=1e-14)
-    assert payload.get_ylabel() == "payload:\nforce z [N]", "the component with the largest labels"
+    assert payload.get_ylabel() == "payload:\nforce z [N]", "the component that varies most"
     label, model, corrected = (line.get_ydata() for line in payload.lines[:3])
     np.testing.assert_array_equal(label, with_labels.label_L_force[:, 2])
     np.testing.assert_array_equal(model, with_labels.model_prediction_L_force[:, 2])
