@@ -171,8 +171,8 @@ def flight(name: str) -> dict[str, object]:
     degrees.
     """
     settings = scenario.load_scenario("paper").model_copy(update={"duration_s": 60.0})
-    if name == "saturated":
-        kinds = {key: kind.model_copy(update={"thrust_max_N": 27.5}) for key, kind in settings.agent_types.items()}
+    if name == "saturated":  # hover requires 28.4 N
+        kinds = {key: kind.model_copy(update={"thrust_max_N": 28.5}) for key, kind in settings.agent_types.items()}
         settings = settings.model_copy(update={"agent_types": kinds})
     if name == "turned":
         start = settings.initial_state.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
