@@ -167,17 +167,15 @@ def drifts(team: Team, z: State) -> dict[str, object]:
 
 
 def flight(name: str) -> dict[str, object]:
-    """Simulate 60 s of the paper's closed loop: nominal, with saturated thrust, or with the payload rotated by 90
-    degrees.
-    """
+    """Simulate 60 s of the paper's closed loop: nominal, with saturated thrust, or along a turn by 120 degrees."""
     changes = ["duration_s=60"]
     if name == "saturated":  # hover requires 28.4 N
         changes += ["agent_types.two_arms.thrust_max_N=28.5", "termination.max_saturation_time_s=60"]
-    settings = scenario.load_scenario("paper", changes)
     if name == "turned":
-        start = settings.initial_state.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
-        agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
-        settings = settings.model_copy(update={"initial_state": start, "agents": agents})
+        turn = "{time_s: 30, position_m: [0, 0.5, 2], rpy_deg: [0, 0, 120]}"
+        poses = f"{{time_s: 0, position_m: [0, 0, 2]}}, {turn}, {{time_s: 60, position_m: [0, 0, 2]}}"
+        changes.append(f"reference={{kind: waypoints, poses: [{poses}]}}")
+    settings = scenario.load_scenario("paper", changes)
     rows = (flown := run_experiment(experiment.make_experiment(settings, "C1"))).records
     cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
     return {
