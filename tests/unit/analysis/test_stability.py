@@ -299,6 +299,7 @@ def test_slowest_mode_has_first_order_sensitivity():
     assert abs(true - now) > 0.02 * abs(now)
 
 
+@pytest.mark.long  # compiles three loops
 def test_intermittent_sensors_are_sampled_every_step():
     """The clock of the loop is constant there, so that intermittent sensors would never sample and a drift would
     restart.
