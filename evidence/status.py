@@ -39,14 +39,14 @@ def quoted(text: str, only: str | None = None) -> set[str]:
     return found
 
 
-def stored(name: str) -> bool:
-    """Return whether there is a result, current or not."""
+def has_result(name: str) -> bool:
+    """Return whether a result is stored, current or not."""
     return (evidence.RESULTS / f"{name}.json").exists()
 
 
 def state(name: str) -> tuple[bool, str]:
     """Return whether a result is up to date, and a line that states why or why not."""
-    if not stored(name):
+    if not has_result(name):
         return False, "no result yet"
     record, changed = evidence.stored(name), evidence.changed_files(name)
     at = f"{record['date']} at {(record.get('commit') or 'no commit')[:10]}"
@@ -86,12 +86,13 @@ def main(arguments: list[str], names: list[str]) -> int:
     bad = 0
     for page in pages(evidence.ROOT):
         where = page.relative_to(evidence.ROOT).as_posix()
-        own_figures = quoted(page.read_text(), only="evidence")
-        for name in sorted(quoted(page.read_text())):
+        text = page.read_text()
+        own_figures = quoted(text, only="evidence")
+        for name in sorted(quoted(text)):
             if name not in names:
                 print(f"{where}: quotes {name}, which is not a result")
                 bad += 1
-            elif name in states and not states[name][0] and (stored(name) or name in own_figures):
+            elif name in states and not states[name][0] and (has_result(name) or name in own_figures):
                 print(f"{where}: quotes {name}, which is older than its code or missing")
                 bad += 1
     return 1 if bad else 0
