@@ -116,7 +116,7 @@ def test_rates_of_tip_motion_open_the_label_loop(changes, limits):
     """Joint rates by the encoders alone close the loop. Those of joints that move the tips do not depend on them."""
     agent, rest, gains, filters = parts(changes)
     assert label_feedback.label_loop_gain(agent, rest, gains, filters, 20.0) < 5e-3
-    with ENCODERS_ALONE:
+    with ENCODERS_ALONE, jax.disable_jit():  # a compiled program contains the present value
         assert limits[0] < label_feedback.label_loop_gain(agent, rest, gains, filters, 24.0) < limits[1]
 
 
