@@ -51,18 +51,16 @@ class Drake:
     h: Float[Array, ""]  # s, one of those of the hosts
     hosts: Hosts = static()
 
-    def accelerate(
-        self,
-        team: Team,
-        z: State,
-        inputs: TeamInputs,
-        f: ResidualForces,
+    def forward_dynamics(
+        self, team: Team, state: State, inputs: TeamInputs, f: ResidualForces
     ) -> tuple[Acceleration, tuple[Float[Array, "_agents _arms 3"], ...]]:
         """Compute accelerations and contact forces, as `mujoco_plant.MujocoPlant.forward_dynamics`."""
-        like = tuple(AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in z.agents)
+        like = tuple(
+            AgentAcceleration(v_dot=q.v, xi_dot=jnp.concatenate([q.omega, q.r_dot], axis=1)) for q in state.agents
+        )
         contacts = tuple(group.contact_position for group in team.agent_groups)
         results = [jnp.zeros(6), *mujoco_plant._join_groups(like), *mujoco_plant._join_groups(contacts)]
-        a_L, *of_agents, lam = mujoco_plant._call_host(self.hosts.accelerate, results, z, inputs, f, self.h)
+        a_L, *of_agents, lam = mujoco_plant._call_host(self.hosts.forward_dynamics, results, state, inputs, f, self.h)
         return Acceleration(
             agents=mujoco_plant._split_groups(like, of_agents), payload=a_L
         ), mujoco_plant._split_groups(contacts, [lam])
@@ -70,21 +68,21 @@ class Drake:
     def step(
         self,
         team: Team,  # noqa: ARG002
-        z: State,
+        state: State,
         inputs: TeamInputs,
         residual: ResidualFunctionType,
         dt: Float[Array, ""],
     ) -> State:
         """Simulate one step, as `mujoco_plant.MujocoPlant.step`."""
 
-        def one(k: Array, z: State) -> State:
-            load, kind = jax.tree.flatten(z.payload)
-            f = residual(z, k.astype(dt.dtype) * self.h)
-            after = mujoco_plant._call_host(self.hosts.step, mujoco_plant._state_rows(z), z, inputs, f, self.h)
+        def one(k: Array, state: State) -> State:
+            load, kind = jax.tree.flatten(state.payload)
+            f = residual(state, k.astype(dt.dtype) * self.h)
+            after = mujoco_plant._call_host(self.hosts.step, mujoco_plant._state_rows(state), state, inputs, f, self.h)
             rows, of_load = after[: -len(load)], after[-len(load) :]
-            return State(agents=mujoco_plant._split_groups(z.agents, rows), payload=kind.unflatten(of_load))
+            return State(agents=mujoco_plant._split_groups(state.agents, rows), payload=kind.unflatten(of_load))
 
-        return jax.lax.fori_loop(0, jnp.round(dt / self.h).astype(int), one, z)
+        return jax.lax.fori_loop(0, jnp.round(dt / self.h).astype(int), one, state)
 
 
 class Hosts:
@@ -93,8 +91,8 @@ class Hosts:
     def __init__(self, team: Team, z: State, steps: Sequence[float]) -> None:
         self.of = {h: Session(team, z, h) for h in steps}
 
-    def accelerate(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
-        return self.of[rows[-1].item()].accelerate(*rows[:-1])
+    def forward_dynamics(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
+        return self.of[rows[-1].item()].forward_dynamics(*rows[:-1])
 
     def step(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
         return self.of[rows[-1].item()].step(*rows[:-1])
@@ -159,7 +157,7 @@ class Session:
         self.context.SetDiscreteState(self._next())
         return self._state()
 
-    def accelerate(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
+    def forward_dynamics(self, *rows: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return `a_L, v_dot, xi_dot, lam` of a state under inputs and a residual, from Drake's next step.
 
         A contact force is the remainder of the agent's inverse dynamics, converted by the Jacobians of its tips.

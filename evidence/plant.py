@@ -167,17 +167,15 @@ def drifts(team: Team, z: State) -> dict[str, object]:
 
 
 def flight(name: str) -> dict[str, object]:
-    """Simulate 60 s of the paper's closed loop: nominal, with saturated thrust, or with the payload rotated by 90
-    degrees.
-    """
-    settings = scenario.load_scenario("paper").model_copy(update={"duration_s": 60.0})
-    if name == "saturated":
-        kinds = {key: kind.model_copy(update={"thrust_max_N": 27.5}) for key, kind in settings.agent_types.items()}
-        settings = settings.model_copy(update={"agent_types": kinds})
+    """Simulate 60 s of the paper's closed loop: nominal, with saturated thrust, or along a turn by 120 degrees."""
+    changes = ["duration_s=60"]
+    if name == "saturated":  # hover requires 28.4 N
+        changes += ["agent_types.two_arms.thrust_max_N=28.5", "termination.max_saturation_time_s=60"]
     if name == "turned":
-        start = settings.initial_state.model_copy(update={"attitude_error_deg": (0.0, 0.0, 90.0)})
-        agents = tuple(agent.model_copy(update={"yaw_deg": 90.0}) for agent in settings.agents)
-        settings = settings.model_copy(update={"initial_state": start, "agents": agents})
+        turn = "{time_s: 30, position_m: [0, 0.5, 2], rpy_deg: [0, 0, 120]}"
+        poses = f"{{time_s: 0, position_m: [0, 0, 2]}}, {turn}, {{time_s: 60, position_m: [0, 0, 2]}}"
+        changes.append(f"reference={{kind: waypoints, poses: [{poses}]}}")
+    settings = scenario.load_scenario("paper", changes)
     rows = (flown := run_experiment(experiment.make_experiment(settings, "C1"))).records
     cosine = (np.einsum("tij,ij->t", rows.R_L, rows.R_L[0]) - 1) / 2
     return {
@@ -350,7 +348,7 @@ def summarize(found: dict[str, dict]) -> dict[str, object]:
         "order": all(round(r["state"]) == 4 for r in orders) and min(r["force"] for r in orders) >= 3,
         "residual": max(held) <= 1e-10
         and all(not v["termination_reason"] for v in of("flight").values())
-        and found["flight, saturated"]["saturated"] > 0.5
+        and found["flight, saturated"]["saturated"] > 0.4
         and min(v["max_rotation_deg"] for item, v in found.items() if item.startswith(("residual", "flight, turned")))
         >= 90,
         "gradient": max(value for values in slopes.values() for value in values) <= 1e-6,

@@ -54,8 +54,9 @@ ITEMS = {  # the item that is replayed, where it is not the first that is stored
     "changes": "home: adaptive: 0",
     "engines": "C3",
     "generalization": "place: home: 0",
-    "plant": "flight, plain",
+    "plant": "energy, reference, 0",
     "react": "10",
+    "rivals": "calibration 0",
     "starts": "3 x 1",
 }
 NONE = "absent"

@@ -6,7 +6,7 @@ Plant, data and assumptions are those of the scenario `certified`. All four boun
   (Koller et al. 2018, Lederer et al. 2019).
 - `L1`: the largest bound of each residual along the path, enlarged by a small gain, times the L1 norm of the loop
   (Hovakimyan and Cao 2010, Lakshmanan et al. 2020).
-- `conformal`: a quantile of the errors in 500 flights with other draws (Vovk et al. 2005, Lindemann et al. 2023).
+- `conformal`: a quantile of the errors in 200 flights with other draws (Vovk et al. 2005, Lindemann et al. 2023).
 
 Each is compared with flights with other residuals that are consistent with norm and data: the drawn residuals, and
 trials of `colift falsify`.
@@ -41,7 +41,7 @@ TRIES = (
     *(f"worst_case_{error}:0" for error in ERRORS),
     *("random_functional:0", "sinusoidal_functional:0", "sinusoidal_functional:1"),
 )
-CALIBRATION, AT_ONCE, FROM = 500, 20, 1000  # flights of other seeds, so many an item
+CALIBRATION, AT_ONCE, FROM = 200, 20, 1000  # flights of other seeds, so many an item
 CONFIDENCE = 0.95  # of split-conformal prediction; the others are certain
 RIVALS = ("recovery", "energy", "pointwise", "L1", "conformal")
 

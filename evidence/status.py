@@ -5,8 +5,8 @@ A page quotes a result where it contains one of two markers, which HTML comments
 - ``<!-- evidence: NAME [NAME ...] -->``: the page states figures of these results in its own text or tables;
 - ``<!-- table: NAME[+NAME ...].TABLE -->``: a table that `docs/results_tables` generates from these results.
 
-The exit status is 1 where a page quotes a result that is older than its code, and 2 for an unknown name. A page that
-quotes a missing result states that there is none.
+The exit status is 1 where a page quotes a result that is older than its code, and 2 for an unknown name. A missing
+result is an error for the first marker only: a generated table states that there is no result.
 """
 
 from __future__ import annotations
@@ -29,22 +29,24 @@ def pages(root: Path) -> Iterator[Path]:
     yield from sorted(path for path in (root / "docs").rglob("*.md") if not BUILT & set(path.parts))
 
 
-def quoted(text: str) -> set[str]:
-    """Return the names of the results that a page quotes by its markers."""
+def quoted(text: str, only: str | None = None) -> set[str]:
+    """Return the names of the results that a page quotes by its markers, or by one kind of marker."""
     found: set[str] = set()
     for kind, names in MARKER.findall(text):
+        if only not in (None, kind):
+            continue
         found |= set(re.split(r"[\s,]+", names) if kind == "evidence" else names.partition(".")[0].split("+"))
     return found
 
 
-def stored(name: str) -> bool:
-    """Return whether there is a result, current or not."""
+def has_result(name: str) -> bool:
+    """Return whether a result is stored, current or not."""
     return (evidence.RESULTS / f"{name}.json").exists()
 
 
 def state(name: str) -> tuple[bool, str]:
     """Return whether a result is up to date, and a line that states why or why not."""
-    if not stored(name):
+    if not has_result(name):
         return False, "no result yet"
     record, changed = evidence.stored(name), evidence.changed_files(name)
     at = f"{record['date']} at {(record.get('commit') or 'no commit')[:10]}"
@@ -84,11 +86,13 @@ def main(arguments: list[str], names: list[str]) -> int:
     bad = 0
     for page in pages(evidence.ROOT):
         where = page.relative_to(evidence.ROOT).as_posix()
-        for name in sorted(quoted(page.read_text())):
+        text = page.read_text()
+        own_figures = quoted(text, only="evidence")
+        for name in sorted(quoted(text)):
             if name not in names:
                 print(f"{where}: quotes {name}, which is not a result")
                 bad += 1
-            elif name in states and not states[name][0] and stored(name):
-                print(f"{where}: quotes {name}, which is older than its code")
+            elif name in states and not states[name][0] and (has_result(name) or name in own_figures):
+                print(f"{where}: quotes {name}, which is older than its code or missing")
                 bad += 1
     return 1 if bad else 0

@@ -110,8 +110,9 @@ def record(name: str) -> dict[str, Any]:
         MissingResult: If the result is not stored.
     """
     import evidence
+    from evidence import status
 
-    if not (evidence.RESULTS / f"{name}.json").exists():
+    if not status.has_result(name):
         raise MissingResult(name)
     return evidence.stored(name)
 

@@ -111,8 +111,8 @@ def _generalization() -> Iterator[Claim]:
 
 
 def _error_bounds() -> Iterator[Claim]:
+    metric = "position error bound over observed error, median"
     for method in METHODS:
-        metric = "position error bound over observed error, median"
         yield "certificate", f"error bound by {METHODS[method]}", metric, _bound(method), _rivals()
 
 

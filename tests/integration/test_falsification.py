@@ -50,6 +50,7 @@ def test_round_has_every_kind_and_names_are_reproducible():
             list(falsification.falsify(hover, [name]))
 
 
+@pytest.mark.long
 def test_admissible_residuals_violate_no_bound(certified):
     """Residuals that norm and labels allow violate no bound."""
     trials = [f"worst_case_{name}" for name in ("e_p:0", "e_omega:1")]

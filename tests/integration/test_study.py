@@ -119,9 +119,8 @@ def test_label_feedback_is_logged_and_extrapolated():
     f = light_flight("label_feedback").records
     np.testing.assert_allclose(f.correction_weight_L, 1.0)
     # the prediction is the label extrapolated along its rate
-    lead_time = float(
-        experiment.make_experiment(light.settings(), "label_feedback").controller.residual_predictor.lead_time
-    )
+    predictor = experiment.make_experiment(light.settings(), "label_feedback").controller.residual_predictor
+    lead_time = float(predictor.lead_time)
     rate = np.diff(f.correction_L, axis=0) / float(f.t[1])
     np.testing.assert_allclose(f.f_L_hat[1:], f.correction_L[1:] + lead_time * rate, atol=1e-9)
 

@@ -15,7 +15,6 @@ import functools
 import itertools
 import math
 import re
-from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -23,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 from scipy import linalg
+from threadpoolctl import threadpool_limits
 
 from colift.closed_loop import flight, simulator
 from colift.math import so3
@@ -141,10 +141,24 @@ def delay_margin(x: LoopStateTree, M: np.ndarray, max_ticks: int) -> int:
         unstable without delay.
     """
     B, K = _input_matrices(x, M)
-    for ticks in range(max_ticks + 1):
-        if np.abs(np.linalg.eigvals(_append_delay(M, B, K, ticks))).max() >= 1:
-            return ticks - 1
+    with threadpool_limits(1):  # the matrices are small
+        if np.abs(np.linalg.eigvals(M)).max() >= 1:
+            return -1
+        # The other states do not influence commands, so their eigenvalues are the same with every delay.
+        rows = _observable(M - B @ K, K)
+        M, B, K = M[np.ix_(rows, rows)], B[rows], K[:, rows]
+        for ticks in range(1, max_ticks + 1):
+            if np.abs(np.linalg.eigvals(_append_delay(M, B, K, ticks))).max() >= 1:
+                return ticks - 1
     return max_ticks
+
+
+def _observable(A: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Return the indices of the states of `x+ = A x` that influence the outputs C x, now or later."""
+    found = (C != 0).any(0)
+    while (more := found | (A[found] != 0).any(0)).sum() > found.sum():
+        found = more
+    return np.flatnonzero(found)
 
 
 MAX_GAIN = 4.0  # largest gain that is tested; the smallest is its inverse
@@ -167,7 +181,8 @@ def gain_margin(x: LoopStateTree, M: np.ndarray) -> tuple[float, float]:
     BK = B @ K
 
     def stable(g: float) -> bool:
-        return bool(np.abs(np.linalg.eigvals(M + (g - 1) * BK)).max() < 1)
+        with threadpool_limits(1):  # the matrix is small
+            return bool(np.abs(np.linalg.eigvals(M + (g - 1) * BK)).max() < 1)
 
     if not stable(1.0):
         return np.nan, np.nan
@@ -313,21 +328,20 @@ def _newton_equilibrium(
     jacobian, previous = None, np.inf
     for _ in range(MAX_NEWTON_ITERATIONS):
         signals.raise_if_interrupted()
-        residual = _after_one_tick(setup, loop, noise, [_select_states(loop)])[0]
+        residual = _residual(setup, loop, noise)
         if np.abs(residual).max() <= EQUILIBRIUM_TOLERANCE:
             return _select_states(loop), _finite_difference_jacobian(setup, loop, noise)
         if not np.isfinite(residual).all():
             break
         if jacobian is None or np.abs(residual).max() > previous / 10:
-            displaced = _evaluate_around(setup, loop, noise, (1,))[0]
+            displaced = _evaluate_around(setup, loop, noise, 1)
             jacobian = (displaced - residual).T / DIFFERENCE_STEP  # first order in the step suffices for the search
         if not np.isfinite(jacobian).all():
             break
         previous = np.abs(residual).max()
         step = np.linalg.lstsq(np.eye(len(residual)) - jacobian, residual)[0]
-        loop = _insert_states(
-            loop, jax.tree.map(lambda leaf: leaf[0], _displace(_select_states(loop), jnp.asarray(step[None])))
-        )
+        moved = _displace(_select_states(loop), step[None])
+        loop = _insert_states(loop, {key: jax.device_put(np.asarray(leaf)[0]) for key, leaf in moved.items()})
     return None
 
 
@@ -407,7 +421,7 @@ def directional_derivative(experiment: flight.Experiment, state: State, x: LoopS
     loop = _insert_states(loop, x)
     parts = np.stack([v.real, v.imag])
     displaced = _displace(x, jnp.asarray(DIFFERENCE_STEP * np.concatenate([parts, -parts])))
-    changed = _after_one_tick(setup, loop, noise, [_batch_element(displaced, jnp.asarray(i)) for i in range(4)])
+    changed = _after_one_tick(setup, loop, noise, displaced)
     derivative = (changed[:2] - changed[2:]) / (2 * DIFFERENCE_STEP)
     return derivative[0] + 1j * derivative[1]
 
@@ -483,7 +497,7 @@ def rest_displacement(
     setup, loop, noise = _undisturbed_loop(experiment, state)
     world = dataclasses.replace(setup.world, disturbance_scale=experiment.world.disturbance_scale)
     disturbed = dataclasses.replace(setup, world=world)
-    (residual,) = _after_one_tick(disturbed, _insert_states(loop, x), noise, [x])
+    residual = _residual(disturbed, _insert_states(loop, x), noise)
     moved = np.linalg.lstsq(np.eye(len(M)) - M, residual)[0]
     return tuple(moved[_rows_of(x, rf"\.world\.state\.payload\.{part}")] for part in "pR")
 
@@ -507,38 +521,44 @@ def _finite_difference_jacobian(
     setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise
 ) -> np.ndarray:
     """Compute the Jacobian of one tick by `(8 (f_1 - f_-1) - (f_2 - f_-2)) / (12 h)`, with f_k at k steps h."""
-    forward, backward, forward_2, backward_2 = _evaluate_around(setup, loop, noise, (1, -1, 2, -2))
+    forward, backward, forward_2, backward_2 = (_evaluate_around(setup, loop, noise, k) for k in (1, -1, 2, -2))
     return ((8 * (forward - backward) - (forward_2 - backward_2)) / (12 * DIFFERENCE_STEP)).T
 
 
 def _evaluate_around(
-    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, steps: Sequence[int]
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, steps: int
 ) -> np.ndarray:
-    """Evaluate one step at multiples of `DIFFERENCE_STEP` per coordinate, `(steps, coordinates, coordinates)`."""
+    """Evaluate one tick with each coordinate in turn displaced by multiples of `DIFFERENCE_STEP`, one row each."""
     x = _select_states(loop)
     n = sum(math.prod(shape) for _, shape in _shapes(x))
-    moves = DIFFERENCE_STEP * np.stack([k * np.eye(n) for k in steps])
-    displaced = _displace(x, jnp.asarray(moves.reshape(-1, n)))
-    points = [_batch_element(displaced, jnp.asarray(k)) for k in range(len(steps) * n)]
-    return _after_one_tick(setup, loop, noise, points).reshape(len(steps), n, n)
+    return _after_one_tick(setup, loop, noise, _displace(x, DIFFERENCE_STEP * steps * np.eye(n)))
 
 
 def _after_one_tick(
-    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, points: Sequence[LoopStateTree]
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, points: LoopStateTree
 ) -> np.ndarray:
     """Return the states one tick after each of the given ones, in coordinates around the present state of the loop."""
-    leaves, structure = jax.tree.flatten(loop)
-    carried = _select_states(loop)
-    positions = {key: k for k, (key, _) in enumerate(_leaves(loop)) if key in carried}
-    one_tick = jnp.asarray(1)
-    program, results = simulator.compile_rollout(setup, loop, noise, one_tick), []
-    for point in points:
-        leaves_before = list(leaves)
-        for key, k in positions.items():
-            leaves_before[k] = point[key]
-        leaves_after = jax.tree.leaves(program(setup, structure.unflatten(leaves_before), noise, one_tick)[0])
-        results.append({key: leaves_after[k] for key, k in positions.items()})
-    return np.asarray(_coordinates(_select_states(loop), jax.tree.map(lambda *leaf: np.stack(leaf), *results)))
+    return np.asarray(_coordinates(_select_states(loop), _map_one_tick(setup, loop, noise, points)))
+
+
+@jax.jit
+def _map_one_tick(
+    setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise, points: LoopStateTree
+) -> LoopStateTree:
+    """Return the states one tick after each of the given ones."""
+
+    def advance(point: LoopStateTree) -> LoopStateTree:
+        end, _ = simulator.rollout(setup, _insert_states(loop, point), noise, jnp.asarray(1))
+        after = dict(_leaves(end))
+        return {key: after[key] for key in point}
+
+    return jax.lax.map(advance, points)
+
+
+def _residual(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: WorldNoise) -> np.ndarray:
+    """Return the change of the loop state by one tick, in coordinates around the present one."""
+    x, end = _select_states(loop), dict(_leaves(simulator.rollout(setup, loop, noise, jnp.asarray(1))[0]))
+    return np.asarray(_coordinates(x, {key: np.asarray(end[key])[None] for key in x}))[0]
 
 
 def _without_disturbances(world: SimulatedWorld) -> SimulatedWorld:
@@ -592,12 +612,6 @@ def _displace(x: LoopStateTree, d: Array) -> LoopStateTree:
     return jax.tree.map(
         lambda attitude, a, b: matmul(a, so3.exp(b)) if attitude else a + b, is_attitude, x, _unravel(x, d)
     )
-
-
-@jax.jit
-def _batch_element(batch: LoopStateTree, k: Array) -> LoopStateTree:
-    """Return one state of a batch."""
-    return jax.tree.map(lambda leaf: leaf[k], batch)
 
 
 @jax.jit

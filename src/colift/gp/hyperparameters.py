@@ -120,9 +120,9 @@ def make_hyperparameters(
             raise ValueError(f"{name} has shape {value.shape}: must be a scalar or ({outputs},), one for each output")
     if ls.ndim != 2 or len(ls) not in (1, outputs):
         raise ValueError(f"lengthscales has shape {ls.shape}: must be (dimensions,) or ({outputs}, dimensions)")
-    broadcast = {name: jnp.asarray(np.broadcast_to(value, (outputs,))) for name, value in values.items()}
+    broadcast = {name: jax.device_put(np.broadcast_to(value, (outputs,))) for name, value in values.items()}
     hyper = Hyperparameters(
-        kernel=kernel, lengthscales=jnp.asarray(np.broadcast_to(ls, (outputs, ls.shape[1]))), **broadcast
+        kernel=kernel, lengthscales=jax.device_put(np.broadcast_to(ls, (outputs, ls.shape[1]))), **broadcast
     )
     validate(hyper)
     return hyper

@@ -73,11 +73,11 @@ def prior(hyper: Hyperparameters, capacity: int) -> GPPosterior:
     m, D = hyper.lengthscales.shape
     return GPPosterior(
         hyper=hyper,
-        X=jnp.zeros((capacity, D)),
-        Y=jnp.zeros((capacity, m)),
-        num_points=jnp.zeros((), dtype=int),
-        inverse_cholesky=jnp.asarray(np.tile(np.eye(capacity), (m, 1, 1))),
-        alpha=jnp.zeros((m, capacity)),
+        X=jax.device_put(np.zeros((capacity, D))),
+        Y=jax.device_put(np.zeros((capacity, m))),
+        num_points=jax.device_put(np.zeros((), dtype=int)),
+        inverse_cholesky=jax.device_put(np.tile(np.eye(capacity), (m, 1, 1))),
+        alpha=jax.device_put(np.zeros((m, capacity))),
     )
 
 

@@ -120,6 +120,21 @@ def grasp_matrix(c: Contacts, R: Float[Array, "3 3"]) -> Float[Array, "6 3*conta
     return jnp.concatenate([force, moment], axis=1).transpose(1, 0, 2).reshape(6, -1)
 
 
+def payload_frame_grasp_matrix(c: np.ndarray) -> np.ndarray:
+    """Compute the grasp matrix at `R = I` on the host.
+
+    Args:
+        c: Attachment points by row, payload frame [m].
+
+    Returns:
+        The grasp matrix.
+    """
+    return np.asarray(_compiled_grasp_matrix(jax.device_put(c), jax.device_put(np.eye(3))))
+
+
+_compiled_grasp_matrix = jax.jit(grasp_matrix)
+
+
 def grasp_nullspace(c: np.ndarray) -> np.ndarray:
     """Compute an orthonormal basis of the null space of the grasp matrix at `R = I` by singular value decomposition.
 
@@ -131,8 +146,7 @@ def grasp_nullspace(c: np.ndarray) -> np.ndarray:
     Returns:
         The basis vectors, internal forces, by column.
     """
-    G = np.asarray(grasp_matrix(jnp.asarray(c), jnp.eye(3)))
-    _, singular, Vt = np.linalg.svd(G)
+    _, singular, Vt = np.linalg.svd(payload_frame_grasp_matrix(c))
     rank = int((singular > 1e-10 * singular[0]).sum())
     return Vt[rank:].T
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -125,7 +124,20 @@ def stack_agents(agents: list[AerialManipulator]) -> AerialManipulator:
     Returns:
         Parameters with a leading `agents` axis.
     """
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *agents)
+    return jax.tree.map(lambda *leaves: jax.device_put(np.stack(leaves)), *agents)
+
+
+def select_agent(group: AerialManipulator, k: int) -> AerialManipulator:
+    """Return one agent of a group, on the host; indexing a JAX array would compile a program for each shape.
+
+    Args:
+        group: Parameters with a leading `agents` axis.
+        k: Index of the agent.
+
+    Returns:
+        Parameters of the agent.
+    """
+    return jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)[k]), group)
 
 
 def agent_names(team: Team, names: Sequence[str] = ()) -> tuple[str, ...]:

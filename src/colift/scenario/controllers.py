@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import itertools
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from colift.closed_loop import part_checks
-from colift.models import grasp
+from colift.models import grasp, parameters
 from colift.models.parameters import Team
 from colift.models.state import GeneralizedForce, ResidualForces, Wrench, zero_residual
 from colift.onboard import controller, interfaces
@@ -85,7 +84,7 @@ def agents_in_hover(settings: schema.Scenario, nominal: Team) -> list[bound_tips
     )
     return [
         bound_tips.HoverAgent(
-            agent := jax.tree.map(lambda x, j=j: x[j], group),
+            agent := parameters.select_agent(group, j),
             posture[j],
             float(yaws[j]),
             g * (float(agent.mass.sum()) + share),

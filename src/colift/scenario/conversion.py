@@ -19,8 +19,8 @@ from colift.scenario.errors import ScenarioError
 
 
 def array(numbers: object) -> Array:
-    """Convert numbers to a float64 array; `jnp.asarray` alone returns a weak type for a Python float."""
-    return jnp.asarray(np.array(numbers, dtype=float))
+    """Convert numbers to a float64 array without a weak type; `jnp.asarray` would compile a program for each shape."""
+    return jax.device_put(np.array(numbers, dtype=float))
 
 
 def rows(vectors: Iterable[schema.Vector]) -> Array:

@@ -61,7 +61,7 @@ def _attach_to_group(
         if source.acts_on in ("agents", agent.name):
             body = bodies(settings.agent_types[agent.type].model_dump()).index(source.body)
             carriers.setdefault(body, [0.0] * len(group))[k] = 1.0
-    model = jax.tree.map(lambda x: jnp.asarray(np.broadcast_to(x, (len(group), *x.shape))), _make_model(source))
+    model = jax.tree.map(lambda x: jax.device_put(np.broadcast_to(x, (len(group), *x.shape))), _make_model(source))
     for body, active in carriers.items():
         point = array([source.attachment_point_m] * len(group))
         yield AgentDisturbance(body=body, name=source.name, model=model, point=point, active=array(active))
@@ -75,7 +75,7 @@ def _friction(settings: schema.Scenario, group: list[schema.Agent]) -> JointFric
         for source in frictions:
             if source.acts_on in ("agents", agent.name):
                 table[k] = source.viscous_Nms, source.coulomb_Nm, source.smoothing_speed_radps
-    viscous, coulomb, speed = (jnp.asarray(np.tile(column[:, None], (1, joints))) for column in table.T)
+    viscous, coulomb, speed = (jax.device_put(np.tile(column[:, None], (1, joints))) for column in table.T)
     return JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
 

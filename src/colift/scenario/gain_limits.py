@@ -28,12 +28,11 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
-from colift.models import aerial_manipulator
 from colift.models.parameters import Team
-from colift.onboard.control import bound_tips, redundancy
+from colift.onboard.control import bound_tips
 from colift.scenario import controllers, schema
 
 
@@ -147,10 +146,9 @@ def team_limits(team: Sequence[bound_tips.HoverAgent], payload_mass: float, g: f
     rho = payload_mass / (payload_mass + sum(float(each.agent.mass.sum()) for each in team))
     inertial, levers, ratio = payload_mass * np.eye(2), np.zeros((2, 2)), 1.0
     for agent, posture, yaw, _ in team:
-        p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
+        p, bound, motion = bound_tips.motion_about_tips(agent, posture, jax.device_put(bound_tips.rotation_z(yaw)))
         m, height = float(p.mass), -float(np.asarray(p.tip_from_com)[:, 2].mean())
-        D = np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(bound_tips.rotation_z(yaw))))[:2, :2]
-        motion = np.asarray(redundancy.rotation_about_tips(agent, p))
+        D, motion = np.asarray(bound)[:2, :2], np.asarray(motion)
         if not (np.isfinite(D).all() and np.isfinite(motion).all()):  # straight arms, which other checks report
             continue
         spin = np.concatenate([np.eye(3), motion[3:]])

@@ -56,7 +56,7 @@ def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.Resi
         payload=prior("payload", feature_map.payload_names()),
         agents=tuple(
             jax.tree.map(
-                lambda x, size=size: jnp.asarray(np.broadcast_to(x, (size, *x.shape))),
+                lambda x, size=size: jax.device_put(np.broadcast_to(x, (size, *x.shape))),
                 prior("agents", feature_map.agent_names(group.tree.joints)),
             )
             for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)

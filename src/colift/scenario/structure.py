@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from colift.models import grasp
+from colift.models import grasp, parameters
 from colift.models.parameters import AerialManipulator, KinematicTree, Team
 from colift.scenario import schema, team
 from colift.scenario.errors import ScenarioError
@@ -122,8 +122,7 @@ def _generic_rank(group: AerialManipulator) -> int:
     n = group.tree.arms
     if n == 1 or group.tree.joints < 3 * n - 3:
         return 3 * n
-    first = {field.name: getattr(group, field.name) for field in dataclasses.fields(group)}
-    own = AerialManipulator(**{key: value if key == "tree" else value[0] for key, value in first.items()})
+    own = parameters.select_agent(group, 0)
     generator, rank = np.random.default_rng(0), 0
     for _ in range(NUM_POSTURES):
         values, _ = grasp.grasp_jacobian_svd(own, generator.uniform(-1.0, 1.0, group.tree.joints))

@@ -108,6 +108,12 @@ def headings(settings: schema.Scenario) -> tuple[Array, ...]:
     Returns:
         The headings.
     """
-    q = so3.quaternion(setpoint(make_reference(settings), jnp.zeros(())).R)
-    heading = 2 * jnp.arctan2(q[3], q[0])
+    heading = _heading(setpoint(make_reference(settings), jnp.zeros(())).R)
     return tuple(yaw + heading for yaw in team.initial_yaw(settings))
+
+
+@jax.jit
+def _heading(R: Array) -> Array:
+    """Return the angle about the vertical of the swing-twist decomposition [rad]."""
+    q = so3.quaternion(R)
+    return 2 * jnp.arctan2(q[3], q[0])

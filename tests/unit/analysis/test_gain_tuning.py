@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -170,7 +172,8 @@ def test_unstable_or_failed_designs_have_no_cost(monkeypatch: pytest.MonkeyPatch
         (
             {
                 "records": dataclasses.replace(
-                    flight.records, thrust_saturated=np.ones_like(flight.records.thrust_saturated)
+                    jax.tree.map(jnp.asarray, flight.records),
+                    thrust_saturated=jnp.ones_like(flight.records.thrust_saturated),
                 )
             },
             "saturated",

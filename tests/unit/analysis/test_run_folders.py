@@ -48,7 +48,7 @@ def test_certificate_without_study_is_a_run(tmp_path):
     ("text", "reason"),
     [
         ("{", "summary.json:1: not JSON"),
-        ("[]", "no object"),
+        ("[]", "must contain a JSON object"),
         ("[" * 100_000, "nested too deeply"),
         (json.dumps({"cases": {}, "schema": 9}), "schema 9"),
         (json.dumps(SUMMARY | {"cases": {"C1": {}}}), "no entry 'complete'"),

@@ -233,6 +233,26 @@ def test_delay_margin_is_the_stability_limit():
     assert stability.delay_margin(x, 1.1 * M, 25) == -1
 
 
+def test_delay_keeps_unobservable_eigenvalues():
+    """States that do not influence the commands have the same eigenvalues with every delay."""
+    rng, kept, others, commands = np.random.default_rng(0), 6, 3, 2
+    A = rng.normal(size=(kept + others, kept + others))
+    A[:kept, kept:] = 0.0  # the other states are driven by the kept ones only
+    K = np.hstack([rng.normal(size=(commands, kept)), np.zeros((commands, others))])
+    B = rng.normal(size=(kept + others, commands))
+    order = rng.permutation(kept + others)
+    A, K, B = A[np.ix_(order, order)], K[:, order], B[order]
+    rows = stability._observable(A, K)
+    assert sorted(order[rows]) == list(range(kept))
+    rest = np.setdiff1d(np.arange(kept + others), rows)
+    M = A + B @ K
+    for ticks in (1, 4):
+        whole = np.linalg.eigvals(stability._append_delay(M, B, K, ticks))
+        reduced = np.linalg.eigvals(stability._append_delay(M[np.ix_(rows, rows)], B[rows], K[:, rows], ticks))
+        union = np.concatenate([reduced, np.linalg.eigvals(A[np.ix_(rest, rest)])])
+        np.testing.assert_allclose(np.poly(whole), np.poly(union), atol=1e-7 * np.abs(np.poly(whole)).max())
+
+
 @pytest.mark.long
 def test_gain_margin_is_the_stability_limit():
     """Outside the gain margin the loop with larger or smaller commands is unstable."""
@@ -300,6 +320,7 @@ def test_slowest_mode_has_first_order_sensitivity():
     assert abs(true - now) > 0.02 * abs(now)
 
 
+@pytest.mark.long  # compiles three loops
 def test_intermittent_sensors_are_sampled_every_step():
     """The clock of the loop is constant there, so that intermittent sensors would never sample and a drift would
     restart.

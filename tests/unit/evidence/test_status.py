@@ -24,11 +24,11 @@ def test_results_that_a_page_quotes(text, names):
 
 
 def test_status_is_1_where_a_page_quotes_a_stale_result(project, store, capsys):
-    """A stale result is an error only if a page quotes it; a missing result is none."""
+    """A stale result is an error only if a page quotes it; a table of a missing result is not an error."""
     store({})
     page = project / "docs" / "results" / "page.md"
     page.parent.mkdir(parents=True)
-    page.write_text("<!-- evidence: proof layered -->\n")
+    page.write_text("<!-- evidence: proof -->\n<!-- table: layered.errors -->\n")
     assert status.main([], NAMES) == 0
     output = capsys.readouterr().out
     assert "proof        2026-01-02 at " in output
@@ -37,8 +37,10 @@ def test_status_is_1_where_a_page_quotes_a_stale_result(project, store, capsys):
     assert status.main([], NAMES) == 1
     output = capsys.readouterr().out
     assert "since then changed: benchmarks/model.py" in output
-    assert "docs/results/page.md: quotes proof, which is older than its code" in output
+    assert "docs/results/page.md: quotes proof, which is older than its code or missing" in output
     assert status.main(["layered"], NAMES) == 0
+    page.write_text("<!-- evidence: layered -->\n")
+    assert status.main(["layered"], NAMES) == 1
     page.write_text("<!-- table: unknown.errors -->\n")
     assert status.main([], NAMES) == 1
     assert "docs/results/page.md: quotes unknown, which is not a result" in capsys.readouterr().out

@@ -62,7 +62,7 @@ def least_squares_allocation(c: np.ndarray) -> AllocationMap:
     Returns:
         The allocation.
     """
-    G = _grasp_matrix(c)
+    G = grasp.payload_frame_grasp_matrix(c)
     _require_rank(G, "the grasp", range(len(c)))
     return AllocationMap(
         right_inverse=jnp.asarray(np.linalg.pinv(G)),
@@ -96,7 +96,7 @@ def leader_follower_allocation(
     if invalid or len(set(leaders)) != len(leaders):
         raise ValueError(f"leader contacts {list(leaders)}: each must be one of 0 to {len(c) - 1}, without repetition")
     followers = [i for i in range(len(c)) if i not in leaders]
-    G = _grasp_matrix(c)
+    G = grasp.payload_frame_grasp_matrix(c)
     rows = (3 * np.asarray(leaders)[:, None] + np.arange(3)).ravel()
     follower_rows = (3 * np.asarray(followers, dtype=int)[:, None] + np.arange(3)).ravel()
     _require_rank(G[:, rows], "the leader block", leaders)
@@ -166,11 +166,6 @@ def squeeze(c: np.ndarray, pairs: Sequence[tuple[int, int, float]]) -> np.ndarra
         lam[i] += force * direction
         lam[j] -= force * direction
     return lam
-
-
-def _grasp_matrix(c: np.ndarray) -> np.ndarray:
-    """Return the grasp matrix in the payload frame."""
-    return np.asarray(grasp.grasp_matrix(jnp.asarray(c), jnp.eye(3)))
 
 
 def _require_rank(G: np.ndarray, name: str, contacts: Sequence[int] | range) -> None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -67,12 +67,29 @@ def right_half_plane_zero(agent: AerialManipulator, posture: Float[Array, "n_r"]
     Returns:
         The zero [rad/s]; infinite if the agent does not limit yaw, and without thrust.
     """
-    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
+    p, D, _ = motion_about_tips(agent, posture, jax.device_put(rotation_z(yaw)))
     height, c = -float(np.asarray(p.tip_from_com)[:, 2].mean()), np.asarray(agent.contact_position).mean(0)
-    D = np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(rotation_z(yaw))))
     tangent = np.array([-c[1], c[0], 0.0]) / max(float(np.hypot(c[0], c[1])), np.finfo(float).tiny)
-    lever = float(p.mass) * height * float(tangent @ D @ tangent)
+    lever = float(p.mass) * height * float(tangent @ np.asarray(D) @ tangent)
     return float(np.sqrt(thrust / lever)) if lever > 0 and thrust > 0 else np.inf
+
+
+@jax.jit
+def motion_about_tips(
+    agent: AerialManipulator, posture: Float[Array, "n_r"], R: Float[Array, "3 3"]
+) -> tuple[aerial_manipulator.CentroidalModel, Float[Array, "3 3"], Float[Array, "motion 3"]]:
+    """Compute how an agent with a level base moves while its tips are fixed, as one compiled program.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        posture: Joint positions [rad or m].
+        R: Attitude of the agent, body to world.
+
+    Returns:
+        Centroidal model, `redundancy.bound_directions` and `redundancy.rotation_about_tips`.
+    """
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
+    return p, redundancy.bound_directions(agent, p, R), redundancy.rotation_about_tips(agent, p)
 
 
 def yaw_zero(team: Sequence[HoverAgent]) -> float:
@@ -119,14 +136,14 @@ def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, pa
     ratio = payload_mass / (payload_mass + sum(float(each.agent.mass.sum()) for each in team))
     inertial, rotation = payload_mass * np.eye(2), np.zeros((2, 2))
     for agent, posture, yaw, _ in team:
-        p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, posture))
-        m, R = float(p.mass), rotation_z(yaw)
-        motion = np.asarray(redundancy.rotation_about_tips(agent, p))
+        R = rotation_z(yaw)
+        p, D, motion = motion_about_tips(agent, posture, jax.device_put(R))
+        m, motion = float(p.mass), np.asarray(motion)
         xi = np.concatenate([np.eye(3), motion[3:]])
         inertia = np.diagonal(xi.T @ np.asarray(p.M_bar) @ xi)[:2]
         lever = np.linalg.norm(motion[:2, :2], axis=0)
         X = motion[:2, :2] * (inertia / (inertia + ratio * m * lever**2))
-        inertial = inertial + m * np.asarray(redundancy.bound_directions(agent, p, jnp.asarray(R)))[:2, :2]
+        inertial = inertial + m * np.asarray(D)[:2, :2]
         rotation = rotation + m * R[:2, :2] @ X @ R[:2, :2].T
     K_v = np.asarray(gains.K_v)[:2, :2]
     loop = np.linalg.solve(inertial, rotation) @ np.array([[0.0, -1.0], [1.0, 0.0]]) @ K_v

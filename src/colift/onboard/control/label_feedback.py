@@ -12,6 +12,7 @@ See Also:
 
 from __future__ import annotations
 
+import jax
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -48,9 +49,8 @@ def label_loop_gain(
         The gain. Below 1 the loop is stable; from 1 on stability is not guaranteed. Infinite for zero thrust, and for
         a posture with straight arms, where the joint motion is not determined.
     """
-    g = aerial_manipulator.forward_kinematics(agent, nominal_posture)
-    p = aerial_manipulator.centroidal_model(agent, g)
-    G = np.asarray(state_estimator.encoder_share(agent, g)) @ np.asarray(redundancy.posture_tilt_jacobian(agent, p))
+    p, share, tilt = _posture_motion(agent, nominal_posture)
+    G = np.asarray(share) @ np.asarray(tilt)
     com_motion = np.asarray(p.J_base)[:, 3:] @ G
     if not np.isfinite(com_motion).all():
         return np.inf
@@ -61,6 +61,16 @@ def label_loop_gain(
     )
     peak = float(np.abs(s * label_response * s * k_omega / (s + k_omega)).max())
     return mu * peak / force if force else np.inf
+
+
+@jax.jit
+def _posture_motion(
+    agent: AerialManipulator, r: Float[Array, "n_r"]
+) -> tuple[aerial_manipulator.CentroidalModel, Float[Array, "n_r n_r"], Float[Array, "n_r 3"]]:
+    """Return centroidal model, `state_estimator.encoder_share` and `redundancy.posture_tilt_jacobian` of an agent."""
+    g = aerial_manipulator.forward_kinematics(agent, r)
+    p = aerial_manipulator.centroidal_model(agent, g)
+    return p, state_estimator.encoder_share(agent, g), redundancy.posture_tilt_jacobian(agent, p)
 
 
 def rate_attenuation(gamma: float) -> float:
