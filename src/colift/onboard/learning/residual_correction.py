@@ -41,6 +41,7 @@ class ResidualCorrection:
         decay_rate: Decay rate ``lambda`` of a future error [1/s].
         std: Standard deviation of the corrected prediction [N, N m].
         weight: Share of the estimated error that is applied, in [0, 1]: 1 with labels, decays without.
+        model_probability: Share of the model in the corrected prediction, in [0, 1].
         label: Label before the label filter [N, N m].
         prediction: Prediction of the residual model [N, N m].
         label_valid: 1 if this control period has a label, 0 otherwise.
@@ -53,6 +54,7 @@ class ResidualCorrection:
     decay_rate: Scalar
     std: ResidualForces
     weight: ResidualForces
+    model_probability: ResidualForces
     label: ResidualForces
     prediction: ResidualForces
     label_valid: Scalar
@@ -77,6 +79,7 @@ def zero_correction(team: Team, t: Scalar) -> ResidualCorrection:
         decay_rate=zero,
         std=none,
         weight=jax.tree.map(jnp.ones_like, none),
+        model_probability=jax.tree.map(jnp.ones_like, none),
         label=none,
         prediction=none,
         label_valid=zero,
@@ -147,7 +150,7 @@ class LabelNoise:
             R and Q [N^2, (N m)^2].
         """
         Q = jnp.maximum(self.allan_1 - self.allan_block, 0.0) / (3 - 3 / BLOCK)
-        R = jnp.maximum(self.allan_block - 3 / BLOCK * Q, 0.01 * self.allan_1) + TINY
+        R = jnp.maximum(jnp.minimum(self.allan_1, self.allan_block) - 3 / BLOCK * Q, 0.01 * self.allan_1) + TINY
         return R, Q
 
 
@@ -180,6 +183,12 @@ class KalmanState:
     error_ms: Outputs
     label_noise: LabelNoise
     initialized: Scalar
+
+    def weight_and_std(self) -> tuple[Outputs, Outputs]:
+        """Return the applied share of the error, and the standard deviation of the corrected prediction."""
+        lost = jnp.maximum(self.P[0] - self.P_label, 0.0)
+        weight = (self.error_ms + TINY) / (self.error_ms + lost + TINY)
+        return weight, jnp.sqrt(self.P_label + (1 - weight) * self.error_ms)
 
 
 @pytree
@@ -316,9 +325,7 @@ class ResidualKalmanFilter:
         y, f = flatten(_residual_forces(*sample.unfiltered)), flatten(prediction)
         state = _transfer_to_model(state, f, model.update_index)
         next_state, nis = self.filter(state, f, y, sample, clock.dt)
-        lost = jnp.maximum(next_state.P[0] - next_state.P_label, 0.0)
-        weight = (next_state.error_ms + TINY) / (next_state.error_ms + lost + TINY)
-        std = jnp.sqrt(next_state.P_label + (1 - weight) * next_state.error_ms)
+        weight, std = next_state.weight_and_std()
         forces = lambda x: unflatten(team, x)  # noqa: E731
         correction = ResidualCorrection(
             t=clock.t,
@@ -327,6 +334,7 @@ class ResidualKalmanFilter:
             decay_rate=self.decay_rate,
             std=forces(std),
             weight=forces(weight),
+            model_probability=forces(jnp.ones_like(weight)),
             label=forces(y),
             prediction=prediction,
             label_valid=sample.valid,
@@ -436,6 +444,150 @@ class ResidualKalmanFilter:
             allan_1=allan_1,
             allan_block=allan_block,
         )
+
+
+@pytree
+class ModelAverageState:
+    """State of `ModelAverage` between two control periods.
+
+    Attributes:
+        with_model: Kalman filter of the error of the residual model.
+        without_model: Kalman filter of the residual.
+        origin: Error and rate of both filters at the start of the forecast.
+        forecast_time: Time since the start of the forecast [s].
+        forecast_ms: Mean square error of the forecasts of both filters [N^2, (N m)^2].
+    """
+
+    with_model: KalmanState
+    without_model: KalmanState
+    origin: tuple[tuple[Outputs, Outputs], tuple[Outputs, Outputs]]
+    forecast_time: Scalar
+    forecast_ms: tuple[Outputs, Outputs]
+
+
+@pytree
+class ModelAverage:
+    """Average of a prediction with the residual model and one without it, weighted by their probabilities.
+
+    Both predictions are corrected by a Kalman filter: ``f_A = f_hat + d_A`` and ``f_B = d_B``. Every ``horizon`` both
+    are forecast. Each label gives the errors of the forecasts, and their mean squares ``V_A`` and ``V_B`` over the
+    averaging time. About ``n = averaging_time / horizon`` errors in this time are independent. For normal errors of
+    unknown variance the probability of the model is ``1 / (1 + (V_A / V_B)^(n / 2))`` (dynamic model averaging,
+    Raftery et al. 2010). The components of a vector have the same probability.
+
+    Attributes:
+        with_model: Kalman filter of the error of the residual model.
+        without_model: Kalman filter of the residual, without the model.
+        horizon: Duration of a forecast [s].
+        averaging_time: Time constant of the mean squares [s].
+
+    References:
+        Raftery, Karny, Ettler, *Online prediction under model uncertainty via dynamic model averaging*, 2010.
+    """
+
+    with_model: ResidualKalmanFilter
+    without_model: ResidualKalmanFilter
+    horizon: Scalar = constant(0.1)
+    averaging_time: Scalar = constant(1.0)
+
+    def init(self, team: Team) -> ModelAverageState:
+        """Return the state before the first control period.
+
+        Args:
+            team: Nominal parameters.
+        """
+        A, B = self.with_model.init(team), self.without_model.init(team)
+        z = jnp.zeros_like(A.d)
+        return ModelAverageState(
+            with_model=A,
+            without_model=B,
+            origin=((z, z), (z, z)),
+            forecast_time=jnp.zeros(()),
+            forecast_ms=(z, z),
+        )
+
+    def update(
+        self,
+        state: ModelAverageState,
+        team: Team,
+        model: residual_model.ResidualModel,
+        estimate: StateEstimate,
+        clock: ControlClock,
+    ) -> tuple[ResidualCorrection, ModelAverageState]:
+        """Advance both filters by one control period.
+
+        Args:
+            state: State of the previous control period.
+            team: Nominal parameters.
+            model: Residual model in use during this control period.
+            estimate: State estimate with the label of this control period.
+            clock: Time and period [s].
+
+        Returns:
+            The correction and the next state.
+
+        Raises:
+            ValueError: If the estimator provides no labels.
+        """
+        sample = _sample(estimate)
+        correction, A = self.with_model.update(state.with_model, team, model, estimate, clock)
+        y, f = flatten(correction.label), flatten(correction.prediction)
+        B, _ = self.without_model.filter(state.without_model, jnp.zeros_like(f), y, sample, clock.dt)
+        moved = _transfer_to_model(
+            dataclasses.replace(state.with_model, d=state.origin[0][0]), f, model.update_index
+        ).d
+        origin = ((moved, state.origin[0][1]), state.origin[1])
+        elapsed = state.forecast_time + clock.dt
+        average = sample.valid * -jnp.expm1(-sample.sample_interval / self.averaging_time)
+        forecast_ms = tuple(
+            old + average * ((now.d - extrapolate(*start, filter_.decay_rate, elapsed)) ** 2 - old)
+            for filter_, now, start, old in zip(
+                (self.with_model, self.without_model), (A, B), origin, state.forecast_ms, strict=True
+            )
+        )
+        (weight_A, std_A), (weight_B, std_B) = A.weight_and_std(), B.weight_and_std()
+        lost_A, lost_B = (jnp.maximum(x.P[0] - x.P_label, 0.0) for x in (A, B))
+        V_A, V_B = (
+            _vector_means(team, ms + TINY + w * lost)
+            for ms, w, lost in zip(forecast_ms, (weight_A, 1.0), (lost_A, lost_B), strict=True)
+        )
+        n = self.averaging_time / self.horizon
+        share = 1 / (1 + (V_A / V_B) ** (n / 2))
+        both = lambda a, b: share * a + (1 - share) * b  # noqa: E731
+        spread = share * (1 - share) * (f + weight_A * A.d - B.d) ** 2
+        restart = elapsed >= self.horizon
+        chosen = lambda new, old: jnp.where(restart, new, old)  # noqa: E731
+        next_state = ModelAverageState(
+            with_model=A,
+            without_model=B,
+            origin=(
+                (chosen(A.d, origin[0][0]), chosen(A.v, origin[0][1])),
+                (chosen(B.d, origin[1][0]), chosen(B.v, origin[1][1])),
+            ),
+            forecast_time=jnp.where(restart, 0.0, elapsed),
+            forecast_ms=forecast_ms,
+        )
+        forces = lambda x: unflatten(team, x)  # noqa: E731
+        averaged = dataclasses.replace(
+            correction,
+            error=forces(both(weight_A * A.d, B.d)),
+            rate=forces(both(weight_A * A.v, B.v)),
+            std=forces(jnp.sqrt(both(std_A**2, std_B**2) + spread)),
+            model_probability=forces(share),
+            decay_rate=jnp.zeros(()),
+        )
+        return averaged, next_state
+
+
+def extrapolate(d: Outputs, v: Outputs, decay_rate: Scalar, h: Scalar) -> Outputs:
+    """Return the mean of a Matern-3/2 process with value d and rate v after the time h."""
+    return jnp.exp(-decay_rate * h) * ((1 + decay_rate * h) * d + h * v)
+
+
+def _vector_means(team: Team, x: Outputs) -> Outputs:
+    """Replace the components of each vector by their mean."""
+    mean = lambda leaf: jnp.broadcast_to(leaf.mean(-1, keepdims=True), leaf.shape) if leaf.size else leaf  # noqa: E731
+    return flatten(jax.tree.map(mean, unflatten(team, x)))
 
 
 @pytree

@@ -179,7 +179,13 @@ class CorrectedResidual:
         agents = zip(correction.rate.agents, self.rate_attenuation, strict=True)
         attenuated = tuple(jax.tree.map(functools.partial(jnp.multiply, a[:, None]), force) for force, a in agents)
         rate = dataclasses.replace(correction.rate, agents=attenuated)
-        return jax.tree.map(lambda f, d, v: f + of_error * d + of_rate * v, f, correction.error, rate)
+        return jax.tree.map(
+            lambda f, p, d, v: p * f + of_error * d + of_rate * v,
+            f,
+            correction.model_probability,
+            correction.error,
+            rate,
+        )
 
 
 @pytree
