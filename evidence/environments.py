@@ -50,7 +50,7 @@ def make(python: str, which: str, folder: Path) -> dict[str, str]:
     path = interpreter(python)
     if path is None:
         raise SystemExit(f"Python {python} was not found and could not be installed")
-    selected = ["--group", "test", "--resolution", RESOLUTIONS[which], "--output-file", str(pins)]
+    selected = ["--group", "run", "--group", "test", "--resolution", RESOLUTIONS[which], "--output-file", str(pins)]
     for words in (
         ["pip", "compile", "--python", path, "--no-build", "--no-header", "--no-annotate", "pyproject.toml", *selected],
         ["venv", "--python", path, str(made)],

@@ -47,8 +47,9 @@ def refuse_endless_heap(content: bytes) -> None:
         content: Bytes of an HDF5 file.
 
     Raises:
-        ValueError: If an object has the size zero.
+        ValueError: If an object has the size zero, or if collections overlap.
     """
+    remaining = len(content) // 8  # each object has at least 16 bytes; overlapping ones would take quadratic time
     start = content.find(HEAP_SIGNATURE)
     while start >= 0:
         position = start + HEAP_HEADER
@@ -60,7 +61,9 @@ def refuse_endless_heap(content: bytes) -> None:
                 step = length if index == 0 else (HEAP_HEADER + -(-length // 8) * 8) % 2**64
                 if step == 0:
                     raise ValueError(f"damaged: object {index} of the heap at byte {start} has the size zero")
-                position += step
+                position, remaining = position + step, remaining - 1
+                if remaining < 0:
+                    raise ValueError("damaged: its heaps overlap")
         start = content.find(HEAP_SIGNATURE, start + 1)
 
 

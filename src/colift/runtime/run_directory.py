@@ -312,7 +312,7 @@ def _sync(path: Path) -> None:
 
 
 _held: set[bytes] = set()
-"""Contents of the lock files that this process holds."""
+"""Contents of the lock files that this process holds or creates."""
 
 
 def _lock(lock: Path, target: Path, stack: contextlib.ExitStack) -> None:
@@ -325,11 +325,11 @@ def _lock(lock: Path, target: Path, stack: contextlib.ExitStack) -> None:
     }
     content = json.dumps({**owner, "claim": secrets.token_hex(8)}).encode()  # one process may lock several times
     stack.enter_context(signals.on_exit(lambda: _release(lock, content)))
+    _held.add(content)  # before the file exists: another thread that reads it must find its owner
     while True:
         try:
             with lock.open("xb", buffering=0) as file:
                 file.write(content)
-            _held.add(content)
             return
         except FileExistsError:
             _remove_stale_lock(lock, target)

@@ -288,6 +288,13 @@ def test_a_heap_that_hdf5_reads_endlessly_is_refused(tmp_path):
                 log.load(tmp_path / "C3.nc")
 
 
+def test_overlapping_heaps_are_refused():
+    """Each collection covers the rest of the file, and each object the header of the next collection."""
+    header, first = log_checks.HEAP_SIGNATURE + struct.pack("<4xQ", 2**40), struct.pack("<H6xQ", 1, 16)
+    with pytest.raises(ValueError, match="damaged: its heaps overlap"):
+        log_checks.refuse_endless_heap((header + first) * 100)
+
+
 @pytest.mark.parametrize("end", range(4, 33))
 def test_an_incomplete_heap_is_no_error_of_the_check(end):
     log_checks.refuse_endless_heap(b"x" + (b"GCOL" + bytes(4) + bytes([255] * 24))[:end])
