@@ -81,6 +81,7 @@ def run(environment: str) -> dict[str, Any]:
     counts = {what: int(n) for n, what in re.findall(r"(\d+) (passed|failed|errors?|skipped)", done.stdout[-500:])}
     return {
         "status": done.returncode,
+        "passed_tests": counts.pop("passed", 0),
         **counts,
         "failures": re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE),
         "wall_time_s": round(time.perf_counter() - began),
@@ -94,7 +95,7 @@ def main() -> bool:
     found = collect("environments", [one for one in environments() if one.split()[0] not in missing], run)
     for environment, one in found.items():
         versions = ", ".join(f"{name} {version}" for name, version in list(one["versions"].items())[:4])
-        print(f"{environment}: {one.get('passed', 0)} passed, {len(one['failures'])} failed; {versions}")
+        print(f"{environment}: {one['passed_tests']} passed, {len(one['failures'])} failed; {versions}")
     for python in missing:
         print(f"Python {python} was not found and could not be installed")
     return not missing and all(one["status"] == 0 for one in found.values())
