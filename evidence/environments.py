@@ -26,7 +26,7 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 RESOLUTIONS = {"oldest": "lowest-direct", "newest": "highest"}
 NAMED = ("jax", "jaxlib", "numpy", "scipy", "pydantic", "mujoco", "pin", "matplotlib", "h5py", "xarray", "pytest")
 LIMIT_S = 4 * 3600
-UV = (sys.executable, "-m", "uv", "--quiet")
+UV = (sys.executable, "-m", "uv")
 
 
 def environments() -> list[str]:
@@ -57,7 +57,7 @@ def make(python: str, which: str, folder: Path) -> dict[str, str]:
         ["pip", "sync", "--python", str(made), str(pins)],
         ["pip", "install", "--python", str(made), "--no-deps", "--editable", "."],
     ):
-        subprocess.run([*UV, *words], cwd=ROOT, check=True)
+        subprocess.run([*UV, "--quiet", *words], cwd=ROOT, check=True)
     return dict(re.findall(r"^([\w.-]+)==([^\s;]+)", pins.read_text(), re.MULTILINE))
 
 
