@@ -26,7 +26,7 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 RESOLUTIONS = {"oldest": "lowest-direct", "newest": "highest"}
 NAMED = ("jax", "jaxlib", "numpy", "scipy", "pydantic", "mujoco", "pin", "matplotlib", "h5py", "xarray", "pytest")
 LIMIT_S = 4 * 3600
-UV = (sys.executable, "-m", "uv", "--quiet")
+UV = (sys.executable, "-m", "uv")
 
 
 def environments() -> list[str]:
@@ -50,14 +50,14 @@ def make(python: str, which: str, folder: Path) -> dict[str, str]:
     path = interpreter(python)
     if path is None:
         raise SystemExit(f"Python {python} was not found and could not be installed")
-    selected = ["--group", "test", "--resolution", RESOLUTIONS[which], "--output-file", str(pins)]
+    selected = ["--group", "run", "--group", "test", "--resolution", RESOLUTIONS[which], "--output-file", str(pins)]
     for words in (
         ["pip", "compile", "--python", path, "--no-build", "--no-header", "--no-annotate", "pyproject.toml", *selected],
         ["venv", "--python", path, str(made)],
         ["pip", "sync", "--python", str(made), str(pins)],
         ["pip", "install", "--python", str(made), "--no-deps", "--editable", "."],
     ):
-        subprocess.run([*UV, *words], cwd=ROOT, check=True)
+        subprocess.run([*UV, "--quiet", *words], cwd=ROOT, check=True)
     return dict(re.findall(r"^([\w.-]+)==([^\s;]+)", pins.read_text(), re.MULTILINE))
 
 
@@ -81,6 +81,7 @@ def run(environment: str) -> dict[str, Any]:
     counts = {what: int(n) for n, what in re.findall(r"(\d+) (passed|failed|errors?|skipped)", done.stdout[-500:])}
     return {
         "status": done.returncode,
+        "passed_tests": counts.pop("passed", 0),
         **counts,
         "failures": re.findall(r"^(?:FAILED|ERROR) (\S+)", done.stdout, re.MULTILINE),
         "wall_time_s": round(time.perf_counter() - began),
@@ -94,7 +95,7 @@ def main() -> bool:
     found = collect("environments", [one for one in environments() if one.split()[0] not in missing], run)
     for environment, one in found.items():
         versions = ", ".join(f"{name} {version}" for name, version in list(one["versions"].items())[:4])
-        print(f"{environment}: {one.get('passed', 0)} passed, {len(one['failures'])} failed; {versions}")
+        print(f"{environment}: {one['passed_tests']} passed, {len(one['failures'])} failed; {versions}")
     for python in missing:
         print(f"Python {python} was not found and could not be installed")
     return not missing and all(one["status"] == 0 for one in found.values())

@@ -204,6 +204,7 @@ class _Trials:
         )
         self.earlier = self._contents(folder / "earlier") if command != "tune" else {}
         self.new: dict[str, bytes] = {}
+        self.warnings: set[str] = set()  # lines of an undisturbed command
 
     def prepare(self) -> None:
         """Copy the earlier results to the folder of the trial."""
@@ -216,6 +217,10 @@ class _Trials:
     def invoke(self) -> Any:
         """Run the command in this process."""
         return CliRunner().invoke(app, self.words)
+
+    def count_errors(self, done: Any) -> int:
+        """Return the number of lines on standard error that an undisturbed command does not print."""
+        return len([line for line in done.stderr.splitlines() if line not in self.warnings])
 
     def faults(self) -> list[str]:
         """Return the faults of the files after an injected fault, and after the next command."""
@@ -260,7 +265,7 @@ def _fail_each(trials: _Trials, operations: int) -> list[str]:
         _arm(None)
         if done.exception is not None and not isinstance(done.exception, SystemExit):
             wrong.append(f"failure of operation {number}: {type(done.exception).__name__}: {done.exception}")
-        elif done.exit_code not in (0, 2) or done.stderr.count("\n") != (done.exit_code == 2):
+        elif done.exit_code not in (0, 2) or trials.count_errors(done) != (done.exit_code == 2):
             wrong.append(f"failure of operation {number}: status {done.exit_code}: {done.stderr[-300:]}")
         wrong += [f"failure of operation {number}: {each}" for each in trials.faults()]
     return wrong
@@ -300,7 +305,7 @@ def _run_trials(command: str, folder: Path) -> dict[str, Any]:
         done = trials.invoke()
         operations = FAULTS.fault_count()
         assert done.exit_code == 0, done.output
-        trials.new = trials._contents(trials.out)
+        trials.new, trials.warnings = trials._contents(trials.out), set(done.stderr.splitlines())
     trials.prepare()
     began = time.monotonic()
     trials.invoke()

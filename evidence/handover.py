@@ -84,8 +84,13 @@ def run_trial(item: str) -> dict[str, Any]:
             try:
                 run.wait(share * _duration())
             except subprocess.TimeoutExpired:
-                at = round(time.monotonic() - began, 2)
-                return {"signal": number.name, "signal_time_s": at, **_end(run, number, Path(place) / "tuned.yaml")}
+                at, out = round(time.monotonic() - began, 2), Path(place) / "tuned.yaml"
+                result = {"signal": number.name, "signal_time_s": at, **_end(run, number, out)}
+                complete = out.exists() and not out.read_text().startswith(INCOMPLETE_SEARCH)
+                if number == signal.SIGKILL or not (
+                    complete and interrupts.had_ended(run.returncode, number, result["exit_time_s"], out)
+                ):
+                    return result
         share *= 0.8  # it had ended: the machine is faster than when the whole search was timed
 
 

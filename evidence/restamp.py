@@ -13,7 +13,7 @@ A stamp keeps the date, the machine and the commit of the computation (`computed
 Two numbers are equal where all their bits are; `--within REL` allows a relative difference, which the stamp then
 states. Two kinds of field are exempt:
 
-- `UNCOMPARED`: wall-clock times, memory, and versions of other software;
+- `UNCOMPARED`: wall-clock times and what depends on them, memory, versions of other software, and numbers of tests;
 - `MESSAGES`: messages. Only their presence is compared.
 
 Each outcome is written atomically as soon as it is known. The next run continues from there: up-to-date results are
@@ -44,6 +44,8 @@ LIMIT_S = 600.0
 UNCOMPARED = {
     *("wall_time_s", "cpu_time_s", "colift_cpu_time_s", "cpu_time_over_colift", "computation_time_s"),
     *("exit_time_s", "signal_time_s", "duration_s", "step_time_median_us", "step_time_p999_us"),
+    "killed",  # processes that ran when they were killed at random times
+    "passed_tests",  # the number of tests grows
     *("largest_process_MB", "versions", "compiler", "drake_version"),
 }
 MESSAGES = {
@@ -53,6 +55,7 @@ ITEMS = {  # the item that is replayed, where it is not the first that is stored
     "certified": "101",
     "changes": "home: adaptive: 0",
     "engines": "C3",
+    "file_faults": "tune",
     "generalization": "place: home: 0",
     "plant": "energy, reference, 0",
     "react": "10",

@@ -84,6 +84,10 @@ def _passed(name: str) -> str:
     return f"{sum(one['passed'] for one in found)} of {len(found)}"
 
 
+def _faults(name: str) -> str:
+    return str(sum(len(one["faults"]) for one in items(name).values()))
+
+
 Claim = tuple[str, str, str, str, str]
 """Page, claim, metric, value, and n with seeds."""
 
@@ -165,6 +169,17 @@ def _teams(result: str, claim: str) -> Callable[[], Iterator[Claim]]:
     return claims
 
 
+def _fuzz() -> Iterator[Claim]:
+    n = f"{sum(one['inputs'] for one in items('fuzz').values())} inputs"
+    yield "robustness", "readers of files and messages", "mutated inputs with a fault", _faults("fuzz"), n
+
+
+def _file_faults() -> Iterator[Claim]:
+    trials = sum(one["operations"] + one["killed"] for one in items("file_faults").values())
+    metric = "failures and kills with a fault"
+    yield "robustness", "results after failing file operations", metric, _faults("file_faults"), f"{trials} trials"
+
+
 CLAIMS: dict[str, Callable[[], Iterator[Claim]]] = {
     "orderings": _orderings,
     "changes": _changes,
@@ -180,6 +195,8 @@ CLAIMS: dict[str, Callable[[], Iterator[Claim]]] = {
     "curve": _curve,
     "starts": _teams("starts", "teams of `colift init`"),
     "tuned": _teams("tuned", "gains of `colift tune`"),
+    "fuzz": _fuzz,
+    "file_faults": _file_faults,
 }
 
 

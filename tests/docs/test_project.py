@@ -58,7 +58,7 @@ def test_import_contracts_hold(tmp_path):
     """Imports point to lower layers, and onboard code never imports the simulation."""
     linter = Path(sys.executable).with_name("lint-imports")
     done = subprocess.run(
-        [linter, "--no-logo", "--cache-dir", tmp_path],
+        [linter, "--cache-dir", tmp_path],
         cwd=ROOT,
         capture_output=True,
         text=True,

@@ -98,9 +98,9 @@ def playback(
         if image or video:
             framing = rendering.Framing(size=parse_size(size), follow=follow, start=start, end=end)
             requested = common.parse_cases(cases or ["C3"])
-            with common.show_progress(f"rendering {video or image}", announce=bool(video)) as progress:
-                progress("reading the flights")
+            with common.show_progress(f"reading the flights of {out}", announce=False):
                 data = _render_data(out, requested, experiment.ALL_CASES, camera.parse_view(view))
+            with common.show_progress(f"rendering {video or image}", announce=bool(video)) as progress:
                 _render(data, image, at, video, speed, framing, progress)
             with common.guard_output():
                 print(f"{', '.join(requested)}: {', '.join(str(file) for file in (image, video) if file)}")

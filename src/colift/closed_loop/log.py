@@ -228,6 +228,10 @@ def load(path: str | Path) -> xr.Dataset:
     """
     content = bounded_read.read_bytes(path, bounded_read.MAX_LOG_BYTES)
     try:
+        log_checks.refuse_endless_heap(content)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    try:
         with h5py.File(io.BytesIO(content)) as file:  # h5netcdf prints a traceback if one of these steps fails
             file.attrs.get("_nc3_strict")
         ds = xr.load_dataset(io.BytesIO(content), engine="h5netcdf", decode_times=False, phony_dims="access")

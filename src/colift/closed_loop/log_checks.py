@@ -9,6 +9,7 @@ See Also:
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Iterator
 
 import numpy as np
@@ -39,6 +40,42 @@ NUMBERS = ("seed", "complete", "T_end_s", "rho_confidence", "rho_rkhs_norm")
 LISTS = ("update_times_s", "update_activation_s", "num_samples_payload", "num_samples_agents")
 REQUIRED_ATTRIBUTES = ("termination_reason", "update_times_s", "T_end_s")
 MAX_TEXT = 80  # characters of a value in a message
+
+
+HEAP_SIGNATURE = b"GCOL"
+"""Signature of a global heap collection of HDF5, which contains text and references of variable length."""
+HEAP_HEADER = 16
+"""Length of the header of a collection, and of an object in it [bytes]."""
+
+
+def refuse_endless_heap(content: bytes) -> None:
+    """Raise ValueError if the HDF5 library would read a damaged heap in an endless loop, which no signal can end.
+
+    The library advances by the size of each object in a collection. The size of free space, object 0, includes its
+    header; the sum wraps at 2^64 (HDF5 File Format Specification, version 3, section III.E).
+
+    Args:
+        content: Bytes of an HDF5 file.
+
+    Raises:
+        ValueError: If an object has the size zero, or if collections overlap.
+    """
+    remaining = len(content) // 8  # each object has at least 16 bytes; overlapping ones would take quadratic time
+    start = content.find(HEAP_SIGNATURE)
+    while start >= 0:
+        position = start + HEAP_HEADER
+        if position <= len(content):
+            (size,) = struct.unpack_from("<Q", content, start + 8)
+            end = min(start + size, len(content))
+            while position + HEAP_HEADER <= end:
+                index, length = struct.unpack_from("<H6xQ", content, position)
+                step = length if index == 0 else (HEAP_HEADER + -(-length // 8) * 8) % 2**64
+                if step == 0:
+                    raise ValueError(f"damaged: object {index} of the heap at byte {start} has the size zero")
+                position, remaining = position + step, remaining - 1
+                if remaining < 0:
+                    raise ValueError("damaged: its heaps overlap")
+        start = content.find(HEAP_SIGNATURE, start + 1)
 
 
 def refuse_damage(ds: xr.Dataset) -> None:

@@ -311,6 +311,10 @@ def _sync(path: Path) -> None:
 # The lock -------------------------------------------------------------------------------------------------------------
 
 
+_held: set[bytes] = set()
+"""Contents of the lock files that this process holds or creates."""
+
+
 def _lock(lock: Path, target: Path, stack: contextlib.ExitStack) -> None:
     """Create the lock file with the owner's identity; O_EXCL admits one process, also over NFS."""
     owner = {
@@ -321,6 +325,7 @@ def _lock(lock: Path, target: Path, stack: contextlib.ExitStack) -> None:
     }
     content = json.dumps({**owner, "claim": secrets.token_hex(8)}).encode()  # one process may lock several times
     stack.enter_context(signals.on_exit(lambda: _release(lock, content)))
+    _held.add(content)  # before the file exists: another thread that reads it must find its owner
     while True:
         try:
             with lock.open("xb", buffering=0) as file:
@@ -336,13 +341,14 @@ def _lock(lock: Path, target: Path, stack: contextlib.ExitStack) -> None:
 
 def _release(lock: Path, content: bytes) -> None:
     """Remove the lock file if it has this content."""
+    _held.discard(content)
     with contextlib.suppress(OSError):  # the results are complete; the next command removes the lock
         if lock.read_bytes() == content:
             lock.unlink()
 
 
 def _remove_stale_lock(lock: Path, target: Path) -> None:
-    """Remove a lock whose process has ended.
+    """Remove a lock whose process has ended, or which this process could not remove.
 
     One process at a time executes this, so a stale lock cannot be replaced by a new one before it is removed.
 
@@ -353,10 +359,11 @@ def _remove_stale_lock(lock: Path, target: Path) -> None:
         found = _read_lock(lock)
         if found is None:
             return
-        _, owner = found
+        content, owner = found
         if owner is not None:
             is_local = owner["host"] == socket.gethostname()
-            if not is_local or _is_running(owner["pid"], owner["began"]):
+            is_released = owner["pid"] == os.getpid() and content not in _held
+            if not is_local or (not is_released and _is_running(owner["pid"], owner["began"])):
                 since = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(owner["since"]))
                 process = f"process {owner['pid']} on {owner['host']} has been writing to it since {since}"
                 remedy = "" if is_local else f"; if that process has ended, remove {lock}"

@@ -243,12 +243,9 @@ class _Reader:
             mark = error.problem_mark or error.context_mark
             problem = " ".join(str(error.problem or error.context or error).split())
             self.fail(mark.line + 1 if mark else 1, f"not valid YAML: {problem}")
-        except (
-            YAMLError,
-            ValueError,
-            AssertionError,
-            RecursionError,
-        ) as error:  # AssertionError: unsupported version of YAML
+        except (AssertionError, KeyError):  # of the resolver, for the directive %YAML
+            self.fail(1, "not valid YAML: the version of YAML must be 1.1 or 1.2")
+        except (YAMLError, ValueError, RecursionError) as error:
             self.fail(1, f"not valid YAML: {' '.join(str(error).split())}")
 
     def value(self, node: Node, location: Location) -> Any:

@@ -18,6 +18,7 @@ from colift import scenario
 from colift.analysis import feasibility, loop_checks, preflight, reference_loads, remedies, stability
 from colift.analysis.findings import Level, Verdict
 from colift.cli.app import app
+from colift.onboard.control import label_feedback
 from colift.onboard.estimation import state_estimator
 from colift.scenario import (
     Scenario,
@@ -350,9 +351,10 @@ def test_large_label_loop_gain_is_reported(monkeypatch: pytest.MonkeyPatch):
     for settings in (small_gain, large_gain):
         assert not list(preflight._labels(settings, team.team(settings)[1]))
     monkeypatch.setattr(state_estimator, "MIN_LEVER", 1e6)
-    with jax.disable_jit():  # a compiled program contains the former value
-        assert not list(preflight._labels(small_gain, team.team(small_gain)[1]))
-        (finding_,) = preflight._labels(large_gain, team.team(large_gain)[1])
+    not_compiled = label_feedback._posture_motion.__wrapped__
+    monkeypatch.setattr(label_feedback, "_posture_motion", jax.jit(lambda *of: not_compiled(*of)))
+    assert not list(preflight._labels(small_gain, team.team(small_gain)[1]))
+    (finding_,) = preflight._labels(large_gain, team.team(large_gain)[1])
     assert (
         finding_.message == "agent_1 has a label loop gain of 0.78: cases with label feedback use 43% of its "
         "label rates and respond later to gusts"

@@ -4,8 +4,10 @@ import csv
 import dataclasses
 import io
 import os
+import re
 import resource
 import signal
+import struct
 from pathlib import Path
 
 import h5py
@@ -14,7 +16,7 @@ import pytest
 import xarray as xr
 from scipy.linalg import sqrtm
 
-from colift.closed_loop import log, log_signals
+from colift.closed_loop import log, log_checks, log_signals
 from colift.runtime import atomic_write
 from tests.support import random_logs as flights
 
@@ -268,6 +270,34 @@ def test_a_damaged_log_is_refused_in_one_line(tmp_path, reason):
         log.load(tmp_path / "C3.nc")
     assert str(refused.value).startswith(f"{tmp_path / 'C3.nc'}: ")
     assert "\n" not in str(refused.value)
+
+
+def test_a_heap_that_hdf5_reads_endlessly_is_refused(tmp_path):
+    """In each collection of a log, the free space or the first object gets the size zero."""
+    log.save(flights.dataset(np.random.default_rng(5)), tmp_path / "whole.nc")
+    whole = (tmp_path / "whole.nc").read_bytes()
+    log_checks.refuse_endless_heap(whole)
+    heaps = [found.start() for found in re.finditer(log_checks.HEAP_SIGNATURE, whole)]
+    assert len(heaps) > 1
+    for start in heaps:
+        for index, size in ((0, 0), (1, 2**64 - 16)):
+            content = bytearray(whole)
+            struct.pack_into("<H6xQ", content, start + log_checks.HEAP_HEADER, index, size)
+            (tmp_path / "C3.nc").write_bytes(content)
+            with pytest.raises(ValueError, match=f"damaged: object {index} of the heap at byte {start} has the size"):
+                log.load(tmp_path / "C3.nc")
+
+
+def test_overlapping_heaps_are_refused():
+    """Each collection covers the rest of the file, and each object the header of the next collection."""
+    header, first = log_checks.HEAP_SIGNATURE + struct.pack("<4xQ", 2**40), struct.pack("<H6xQ", 1, 16)
+    with pytest.raises(ValueError, match="damaged: its heaps overlap"):
+        log_checks.refuse_endless_heap((header + first) * 100)
+
+
+@pytest.mark.parametrize("end", range(4, 33))
+def test_an_incomplete_heap_is_no_error_of_the_check(end):
+    log_checks.refuse_endless_heap(b"x" + (b"GCOL" + bytes(4) + bytes([255] * 24))[:end])
 
 
 def test_an_incomplete_flight_may_end_with_nan(tmp_path):

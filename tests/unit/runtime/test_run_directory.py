@@ -271,6 +271,20 @@ def test_the_lock_of_an_ended_process_is_removed(out: Path):
         assert not lock_of(out).exists()
 
 
+def test_a_lock_that_could_not_be_removed_is_not_held(out: Path, monkeypatch: pytest.MonkeyPatch):
+    """The next run in the same process removes it."""
+
+    def fail(_path: Path, missing_ok: bool = False) -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    with monkeypatch.context() as failing, run_directory.stage_run_directory(out, A, NAMES):
+        failing.setattr(Path, "unlink", fail)
+        failing.setattr(Path, "read_bytes", fail)
+    assert lock_of(out).exists()
+    write(out, A, "C1.nc")
+    assert names(out.parent) == {"out"}
+
+
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the start time of a process is unavailable")
 def test_a_zombie_process_does_not_hold_the_lock(out: Path):
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:

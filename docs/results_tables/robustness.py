@@ -1,0 +1,52 @@
+"""Tables of damaged inputs, failing file operations and interrupts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from results_tables import items, markdown, table
+
+
+def _groups(name: str, separator: str = " ") -> dict[str, list[dict[str, Any]]]:
+    """Return the items of a result by the part of their names before the last separator."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for item, one in items(name).items():
+        groups.setdefault(item.rpartition(separator)[0], []).append(one)
+    return groups
+
+
+def _count_faults(each: list[dict[str, Any]]) -> int:
+    return sum(len(one["faults"]) for one in each)
+
+
+@table("interrupts+handover")
+def interrupted_commands() -> str:
+    """Return the interrupted commands: trials, trials without a fault, and the longest time until the end."""
+    groups = [(kind, each, "failures") for kind, each in sorted(_groups("interrupts").items())]
+    groups += [(f"tune, {kind}", each, "faults") for kind, each in sorted(_groups("handover").items())]
+    rows = (
+        (kind, f"{sum(not one[faults] for one in each)} of {len(each)}", max(one["exit_time_s"] for one in each))
+        for kind, each, faults in groups
+    )
+    return markdown(("command, signal", "trials without a fault", "longest time to the end [s]"), rows)
+
+
+@table("file_faults")
+def file_operations() -> str:
+    """Return the commands whose file operations fail or end the process: operations, kills, faults."""
+    rows = ((name, one["operations"], one["killed"], len(one["faults"])) for name, one in items("file_faults").items())
+    return markdown(("command", "failing operations", "kills", "faults"), rows)
+
+
+@table("damage+fuzz")
+def damaged_inputs() -> str:
+    """Return the readers with damaged or mutated inputs: inputs, and faults."""
+    rows = [
+        (f"commands with a damaged `{file}`", sum(len(one["answers"]) for one in each), _count_faults(each))
+        for file, each in _groups("damage", ": ").items()
+    ]
+    rows += [
+        (f"reader `{reader}`, mutated inputs", sum(one["inputs"] for one in each), _count_faults(each))
+        for reader, each in sorted(_groups("fuzz").items())
+    ]
+    return markdown(("input", "number", "faults"), rows)
