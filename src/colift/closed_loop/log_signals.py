@@ -115,8 +115,8 @@ SIGNALS = {
     "correction_weight_x": SignalSpec(
         AGENT_VECTOR_DIMS, "1", "world", "applied share of the estimated error of the agent force model"
     ),
-    **_wrench("model_probability_L", ONE, "share of the payload model in the corrected prediction"),
-    "model_probability_x": SignalSpec(
+    **_wrench("model_weight_L", ONE, "share of the payload model in the corrected prediction"),
+    "model_weight_x": SignalSpec(
         AGENT_VECTOR_DIMS, "1", "world", "share of the agent force model in the corrected prediction"
     ),
     **_wrench("label_L", NEWTON, "label of the payload before the label filter"),

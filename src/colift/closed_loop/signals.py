@@ -80,8 +80,8 @@ class StepRecord:
     correction_std_x: Float[Array, "*time agents 3"] | None = None  # N, standard deviation of the agents
     correction_weight_L: Float[Array, "*time 6"] | None = None  # applied share of the estimated model error
     correction_weight_x: Float[Array, "*time agents 3"] | None = None  # applied share of the agents
-    model_probability_L: Float[Array, "*time 6"] | None = None  # share of the payload model in the prediction
-    model_probability_x: Float[Array, "*time agents 3"] | None = None  # share of the agent force model
+    model_weight_L: Float[Array, "*time 6"] | None = None  # share of the payload model in the prediction
+    model_weight_x: Float[Array, "*time agents 3"] | None = None  # share of the agent force model
     label_L: Float[Array, "*time 6"] | None = None  # N, N m, payload label before the label filter
     label_x: Float[Array, "*time agents 3"] | None = None  # N, labels of the agents before the label filter
     model_prediction_L: Float[Array, "*time 6"] | None = None  # N, N m, prediction without correction
@@ -216,7 +216,7 @@ def _correction_signals(correction: residual_correction.ResidualCorrection) -> d
         "correction": correction.error,
         "correction_std": correction.std,
         "correction_weight": correction.weight,
-        "model_probability": correction.model_probability,
+        "model_weight": correction.model_weight,
         "label": correction.label,
         "model_prediction": correction.prediction,
     }

@@ -231,7 +231,7 @@ def with_residual_corrector(
         for group in label_loop_gains(settings, base.team)
     )
     predictor = residual_predictors.CorrectedResidual(base=base.residual_predictor, rate_attenuation=attenuation)
-    if isinstance(corrector, residual_correction.ModelAverage):  # its error lags by the tip sensors only
+    if isinstance(corrector, residual_correction.ForecastCombination):  # its error lags by the tip sensors only
         tip_bandwidth = corrector.with_model.tip_bandwidth
         predictor = dataclasses.replace(predictor, lead_time=1 / (2 * jnp.pi * tip_bandwidth))
     return dataclasses.replace(base, residual_corrector=corrector, residual_predictor=predictor)
@@ -274,9 +274,9 @@ def residual_kalman_filter(
     )
 
 
-def model_average(settings: schema.Scenario, team: Team) -> residual_correction.ModelAverage:
+def forecast_combination(settings: schema.Scenario, team: Team) -> residual_correction.ForecastCombination:
     """Return the average of corrected predictions with and without the residual model."""
-    return residual_correction.ModelAverage(
+    return residual_correction.ForecastCombination(
         with_model=residual_kalman_filter(settings, team, ERROR_STD_FACTOR),
         without_model=residual_kalman_filter(settings, team, RESIDUAL_STD_FACTOR),
     )

@@ -41,7 +41,7 @@ class ResidualCorrection:
         decay_rate: Decay rate ``lambda`` of a future error [1/s].
         std: Standard deviation of the corrected prediction [N, N m].
         weight: Share of the estimated error that is applied, in [0, 1]: 1 with labels, decays without.
-        model_probability: Share of the model in the corrected prediction, in [0, 1].
+        model_weight: Share of the model in the corrected prediction, in [0, 1].
         label: Label before the label filter [N, N m].
         prediction: Prediction of the residual model [N, N m].
         label_valid: 1 if this control period has a label, 0 otherwise.
@@ -54,7 +54,7 @@ class ResidualCorrection:
     decay_rate: Scalar
     std: ResidualForces
     weight: ResidualForces
-    model_probability: ResidualForces
+    model_weight: ResidualForces
     label: ResidualForces
     prediction: ResidualForces
     label_valid: Scalar
@@ -79,7 +79,7 @@ def zero_correction(team: Team, t: Scalar) -> ResidualCorrection:
         decay_rate=zero,
         std=none,
         weight=jax.tree.map(jnp.ones_like, none),
-        model_probability=jax.tree.map(jnp.ones_like, none),
+        model_weight=jax.tree.map(jnp.ones_like, none),
         label=none,
         prediction=none,
         label_valid=zero,
@@ -184,10 +184,13 @@ class KalmanState:
     label_noise: LabelNoise
     initialized: Scalar
 
+    def lost_variance(self) -> Outputs:
+        """Return the variance that the error has gained since the last label [N^2, (N m)^2]."""
+        return jnp.maximum(self.P[0] - self.P_label, 0.0)
+
     def weight_and_std(self) -> tuple[Outputs, Outputs]:
         """Return the applied share of the error, and the standard deviation of the corrected prediction."""
-        lost = jnp.maximum(self.P[0] - self.P_label, 0.0)
-        weight = (self.error_ms + TINY) / (self.error_ms + lost + TINY)
+        weight = (self.error_ms + TINY) / (self.error_ms + self.lost_variance() + TINY)
         return weight, jnp.sqrt(self.P_label + (1 - weight) * self.error_ms)
 
 
@@ -334,7 +337,7 @@ class ResidualKalmanFilter:
             decay_rate=self.decay_rate,
             std=forces(std),
             weight=forces(weight),
-            model_probability=forces(jnp.ones_like(weight)),
+            model_weight=forces(jnp.ones_like(weight)),
             label=forces(y),
             prediction=prediction,
             label_valid=sample.valid,
@@ -447,42 +450,55 @@ class ResidualKalmanFilter:
 
 
 @pytree
-class ModelAverageState:
-    """State of `ModelAverage` between two control periods.
+class CombinationState:
+    """State of `ForecastCombination` between two control periods.
 
     Attributes:
         with_model: Kalman filter of the error of the residual model.
         without_model: Kalman filter of the residual.
-        origin: Error and rate of both filters at the start of the forecast.
-        forecast_time: Time since the start of the forecast [s].
-        forecast_ms: Mean square error of the forecasts of both filters [N^2, (N m)^2].
+        origin: Values and rates of both filters at the start of the forecasts: ``d_A``, ``v_A``, ``d_B``, ``v_B``.
+        forecast_time: Time since the start of the forecasts [s].
+        cross_moment: Mean of ``(y - f_B) (f_A - f_B)`` over the averaging time [N^2, (N m)^2].
+        second_moment: Mean of ``(f_A - f_B)^2`` [N^2, (N m)^2].
     """
 
     with_model: KalmanState
     without_model: KalmanState
-    origin: tuple[tuple[Outputs, Outputs], tuple[Outputs, Outputs]]
+    origin: tuple[Outputs, Outputs, Outputs, Outputs]
     forecast_time: Scalar
-    forecast_ms: tuple[Outputs, Outputs]
+    cross_moment: Outputs
+    second_moment: Outputs
 
 
 @pytree
-class ModelAverage:
-    """Average of a prediction with the residual model and one without it, weighted by their probabilities.
+class ForecastCombination:
+    """Combination of two forecasts of the labels, with and without the residual model.
 
-    Both predictions are corrected by a Kalman filter: ``f_A = f_hat + d_A`` and ``f_B = d_B``. Every ``horizon`` both
-    are forecast. Each label gives the errors of the forecasts, and their mean squares ``V_A`` and ``V_B`` over the
-    averaging time. About ``n = averaging_time / horizon`` errors in this time are independent. For normal errors of
-    unknown variance the probability of the model is ``1 / (1 + (V_A / V_B)^(n / 2))`` (dynamic model averaging,
-    Raftery et al. 2010). The components of a vector have the same probability.
+    Filter A estimates the error of the residual model, filter B the residual itself. Every ``horizon`` both forecast
+    the labels: ``f_A = F f_hat + d_A`` and ``f_B = d_B``. The share of A minimizes the mean square of
+    ``y - w f_A - (1 - w) f_B`` over the averaging time (Granger and Ramanathan 1984):
+
+        w = (<(y - f_B)^T (f_A - f_B)> + L_B) / (<|f_A - f_B|^2> + L_A + L_B)
+
+    within [0, 1]. The components of a vector have one share. ``L_A`` and ``L_B`` are the variances that the estimates
+    have gained since the last label; without labels they return the prediction to the model.
 
     Attributes:
         with_model: Kalman filter of the error of the residual model.
         without_model: Kalman filter of the residual, without the model.
-        horizon: Duration of a forecast [s].
-        averaging_time: Time constant of the mean squares [s].
+        horizon: Longest duration of a forecast [s].
+        averaging_time: Time constant of the means [s].
+
+    Example:
+        ::
+
+            corrector = ForecastCombination(with_model=slow, without_model=fast)
+            state = corrector.init(team)
+            correction, state = corrector.update(state, team, model, estimate, clock)
 
     References:
-        Raftery, Karny, Ettler, *Online prediction under model uncertainty via dynamic model averaging*, 2010.
+        Bates, Granger, *The combination of forecasts*, 1969. Granger, Ramanathan, *Improved methods of combining
+        forecasts*, 1984.
     """
 
     with_model: ResidualKalmanFilter
@@ -490,31 +506,31 @@ class ModelAverage:
     horizon: Scalar = constant(0.1)
     averaging_time: Scalar = constant(1.0)
 
-    def init(self, team: Team) -> ModelAverageState:
+    def init(self, team: Team) -> CombinationState:
         """Return the state before the first control period.
 
         Args:
             team: Nominal parameters.
         """
-        A, B = self.with_model.init(team), self.without_model.init(team)
-        z = jnp.zeros_like(A.d)
-        return ModelAverageState(
-            with_model=A,
-            without_model=B,
-            origin=((z, z), (z, z)),
+        z = jnp.zeros_like(flatten(zero_residual(team)))
+        return CombinationState(
+            with_model=self.with_model.init(team),
+            without_model=self.without_model.init(team),
+            origin=(z, z, z, z),
             forecast_time=jnp.zeros(()),
-            forecast_ms=(z, z),
+            cross_moment=z,
+            second_moment=z,
         )
 
     def update(
         self,
-        state: ModelAverageState,
+        state: CombinationState,
         team: Team,
         model: residual_model.ResidualModel,
         estimate: StateEstimate,
         clock: ControlClock,
-    ) -> tuple[ResidualCorrection, ModelAverageState]:
-        """Advance both filters by one control period.
+    ) -> tuple[ResidualCorrection, CombinationState]:
+        """Advance both filters and the share of the model by one control period.
 
         Args:
             state: State of the previous control period.
@@ -529,54 +545,42 @@ class ModelAverage:
         Raises:
             ValueError: If the estimator provides no labels.
         """
-        sample = _sample(estimate)
+        sample, dt = _sample(estimate), clock.dt
         correction, A = self.with_model.update(state.with_model, team, model, estimate, clock)
         y, f = flatten(correction.label), flatten(correction.prediction)
-        B, _ = self.without_model.filter(state.without_model, jnp.zeros_like(f), y, sample, clock.dt)
-        moved = _transfer_to_model(
-            dataclasses.replace(state.with_model, d=state.origin[0][0]), f, model.update_index
-        ).d
-        origin = ((moved, state.origin[0][1]), state.origin[1])
-        elapsed = state.forecast_time + clock.dt
+        B, _ = self.without_model.filter(state.without_model, jnp.zeros_like(f), y, sample, dt)
+        d_A, v_A, d_B, v_B = state.origin
+        d_A = d_A - _step_of_model(state.with_model, f, model.update_index)
+        elapsed = state.forecast_time + dt
+        f_A = A.delayed + extrapolate(d_A, v_A, self.with_model.decay_rate, elapsed)
+        f_B = extrapolate(d_B, v_B, self.without_model.decay_rate, elapsed)
         average = sample.valid * -jnp.expm1(-sample.sample_interval / self.averaging_time)
-        forecast_ms = tuple(
-            old + average * ((now.d - extrapolate(*start, filter_.decay_rate, elapsed)) ** 2 - old)
-            for filter_, now, start, old in zip(
-                (self.with_model, self.without_model), (A, B), origin, state.forecast_ms, strict=True
-            )
-        )
-        (weight_A, std_A), (weight_B, std_B) = A.weight_and_std(), B.weight_and_std()
-        lost_A, lost_B = (jnp.maximum(x.P[0] - x.P_label, 0.0) for x in (A, B))
-        V_A, V_B = (
-            _vector_means(team, ms + TINY + w * lost)
-            for ms, w, lost in zip(forecast_ms, (weight_A, 1.0), (lost_A, lost_B), strict=True)
-        )
-        n = self.averaging_time / self.horizon
-        share = 1 / (1 + (V_A / V_B) ** (n / 2))
-        both = lambda a, b: share * a + (1 - share) * b  # noqa: E731
-        spread = share * (1 - share) * (f + weight_A * A.d - B.d) ** 2
+        cross_moment = state.cross_moment + average * ((y - f_B) * (f_A - f_B) - state.cross_moment)
+        second_moment = state.second_moment + average * ((f_A - f_B) ** 2 - state.second_moment)
+        (weight, std_A), (_, std_B) = A.weight_and_std(), B.weight_and_std()
+        L_A, L_B = weight * A.lost_variance(), B.lost_variance() + TINY
+        means = lambda x: _vector_means(team, x)  # noqa: E731
+        w = jnp.clip(means(cross_moment + L_B) / means(second_moment + L_A + L_B), 0.0, 1.0)
         restart = elapsed >= self.horizon
-        chosen = lambda new, old: jnp.where(restart, new, old)  # noqa: E731
-        next_state = ModelAverageState(
+        start = ((A.d, d_A), (A.v, v_A), (B.d, d_B), (B.v, v_B))
+        next_state = CombinationState(
             with_model=A,
             without_model=B,
-            origin=(
-                (chosen(A.d, origin[0][0]), chosen(A.v, origin[0][1])),
-                (chosen(B.d, origin[1][0]), chosen(B.v, origin[1][1])),
-            ),
+            origin=tuple(jnp.where(restart, new, old) for new, old in start),
             forecast_time=jnp.where(restart, 0.0, elapsed),
-            forecast_ms=forecast_ms,
+            cross_moment=cross_moment,
+            second_moment=second_moment,
         )
         forces = lambda x: unflatten(team, x)  # noqa: E731
-        averaged = dataclasses.replace(
+        combined = dataclasses.replace(
             correction,
-            error=forces(both(weight_A * A.d, B.d)),
-            rate=forces(both(weight_A * A.v, B.v)),
-            std=forces(jnp.sqrt(both(std_A**2, std_B**2) + spread)),
-            model_probability=forces(share),
+            error=forces(w * weight * A.d + (1 - w) * B.d),
+            rate=forces(w * weight * A.v + (1 - w) * B.v),
             decay_rate=jnp.zeros(()),
+            std=forces(w * std_A + (1 - w) * std_B),
+            model_weight=forces(w),
         )
-        return averaged, next_state
+        return combined, next_state
 
 
 def extrapolate(d: Outputs, v: Outputs, decay_rate: Scalar, h: Scalar) -> Outputs:
@@ -772,9 +776,14 @@ def _sample(estimate: StateEstimate) -> TrainingSample:
     return estimate.sample
 
 
+def _step_of_model(state: KalmanState, f: Outputs, update_index: Int[Array, ""]) -> Outputs:
+    """Return the step of the prediction in the control period in which the model is replaced, otherwise zero."""
+    return jnp.where((update_index != state.update_index) & (state.initialized > 0), f - state.prediction, 0.0)
+
+
 def _transfer_to_model(state: KalmanState, f: Outputs, update_index: Int[Array, ""]) -> KalmanState:
     """Offset the error by the step of the prediction when the model is replaced (bumpless transfer)."""
-    step = jnp.where((update_index != state.update_index) & (state.initialized > 0), f - state.prediction, 0.0)
+    step = _step_of_model(state, f, update_index)
     return dataclasses.replace(state, delayed=state.delayed + step, d=state.d - step)
 
 

@@ -182,7 +182,7 @@ class CorrectedResidual:
         return jax.tree.map(
             lambda f, p, d, v: p * f + of_error * d + of_rate * v,
             f,
-            correction.model_probability,
+            correction.model_weight,
             correction.error,
             rate,
         )
