@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any, Generic
+from typing import TYPE_CHECKING, Any, Generic
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-from typing_extensions import TypeVar
 
 from colift import codegen
 from colift.closed_loop import termination
@@ -27,8 +26,16 @@ from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.interfaces import Controller, PartState
 from colift.simulation.world import SimulatedWorld, World
 
-WorldT = TypeVar("WorldT", bound=World, covariant=True, default=SimulatedWorld)
-ControllerT = TypeVar("ControllerT", bound=Controller, covariant=True, default=LeaderFollowerController)
+if TYPE_CHECKING:
+    from typing_extensions import TypeVar
+
+    WorldT = TypeVar("WorldT", bound=World, covariant=True, default=SimulatedWorld)
+    ControllerT = TypeVar("ControllerT", bound=Controller, covariant=True, default=LeaderFollowerController)
+else:  # without defaults: type checks at run time would accept these only (beartype 0.23)
+    from typing import TypeVar
+
+    WorldT = TypeVar("WorldT", bound=World, covariant=True)
+    ControllerT = TypeVar("ControllerT", bound=Controller, covariant=True)
 Scalar = Float[Array, ""]
 
 
