@@ -48,7 +48,8 @@ LEARNING_STATES = (
     r"|\.estimator\.time_since_label$|\.initialized$"
 )
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
-    r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise|initialized)"
+    r"\.corrector\.((with|without)_model\.)?(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise|initialized)"
+    r"|\.corrector\.(origin|forecast_time|cross_moment|second_moment)"
 )
 COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command in the loop state
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
@@ -361,8 +362,8 @@ def _undisturbed_loop(
 ) -> tuple[simulator.LoopConfig, simulator.LoopState, WorldNoise]:
     """Return configuration, state and noise of the loop without disturbances and limits, with the clock at zero.
 
-    The state is taken after one tick and as many further ticks as the largest sensor delay. A Kalman filter of the
-    model error has its steady-state covariances: those of the least label noise, as sensors are exact.
+    The state is taken after one tick and as many further ticks as the largest sensor delay. Kalman filters of a
+    residual corrector have their steady-state covariances: those of the least label noise, as sensors are exact.
     """
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
@@ -374,7 +375,7 @@ def _undisturbed_loop(
     end, _ = simulator.rollout(experiment.loop_config, start, noise, jnp.asarray(1 + max_delay))
     corrector = getattr(end.controller, "corrector", None)
     filter_ = getattr(experiment.controller, "residual_corrector", None)
-    if isinstance(filter_, residual_correction.ResidualKalmanFilter):
+    if isinstance(filter_, residual_correction.ResidualKalmanFilter | residual_correction.ForecastCombination):
         corrector = filter_.steady_state(corrector, experiment.loop_config.dt)
         end = dataclasses.replace(end, controller=dataclasses.replace(end.controller, corrector=corrector))
     return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
@@ -629,8 +630,8 @@ def _coordinates(x: LoopStateTree, y: LoopStateTree) -> Array:
 def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     """Select the states that influence the plant in later ticks.
 
-    Recorded data are excluded. Labels are excluded without a residual corrector, and their filters for the Kalman
-    filter of the model error, which uses labels before the filter.
+    Recorded data are excluded. Labels are excluded without a residual corrector, and their filters with Kalman filters,
+    which use labels before the filter.
 
     Args:
         loop: Loop state.
@@ -640,7 +641,7 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     """
     corrector = getattr(loop.controller, "corrector", None)
     unused = [LABELS] if corrector is None else []
-    if isinstance(corrector, residual_correction.KalmanState):
+    if isinstance(corrector, residual_correction.KalmanState | residual_correction.CombinationState):
         unused = [LABEL_FILTERS]
     excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, *unused))
     return {

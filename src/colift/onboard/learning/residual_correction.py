@@ -522,6 +522,24 @@ class ForecastCombination:
             second_moment=z,
         )
 
+    def steady_state(self, state: CombinationState, dt: Scalar) -> CombinationState:
+        """Return the state with steady-state covariances and the whole share for the filter without the model.
+
+        Args:
+            state: State of the combination.
+            dt: Control period [s].
+
+        Returns:
+            The state. The loop is linearized with this filter, whose bandwidth is larger.
+        """
+        return dataclasses.replace(
+            state,
+            with_model=self.with_model.steady_state(state.with_model, dt),
+            without_model=self.without_model.steady_state(state.without_model, dt),
+            cross_moment=jnp.zeros_like(state.cross_moment),
+            second_moment=jnp.ones_like(state.second_moment),
+        )
+
     def update(
         self,
         state: CombinationState,
