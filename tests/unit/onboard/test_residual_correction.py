@@ -196,7 +196,7 @@ def test_allan_variances_recover_the_label_noise(R, Q):
 
 
 def test_sparse_labels_do_not_raise_the_estimated_noise():
-    """An error that changes during a block of labels raises the Allan variance over the block, but not the smaller one."""
+    """A change of the error during a block raises the Allan variance over the block; the smaller variance counts."""
     rng = np.random.default_rng(8)
     _, y = simulated(rng, 20000, 2.0, 0.04, 0.0)
     on = rng.random(len(y)) < 0.1
