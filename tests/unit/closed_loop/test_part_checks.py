@@ -122,15 +122,15 @@ class OwnCorrector:
 
     def update(self, state: Any, team: Any, model: Any, estimate: Any, clock: Any) -> Any:
         correction = residual_correction.zero_correction(team, clock.t)
-        if self.fault == "no decay rate":
-            correction = dataclasses.replace(correction, decay_rate=None)
+        if self.fault == "no weight":
+            correction = dataclasses.replace(correction, weight=None)
         return correction, jnp.zeros(2) if self.fault == "other state" else state
 
 
 def test_residual_corrector_is_checked():
     """A corrector that fits passes; a fault is named with part and method."""
     part_checks.check_parts(with_parts(residual_corrector=OwnCorrector(fault="")))
-    for fault in ("other state", "no decay rate"):
+    for fault in ("other state", "no weight"):
         assert "residual_corrector: OwnCorrector.update" in refused(
             with_parts(residual_corrector=OwnCorrector(fault=fault))
         )

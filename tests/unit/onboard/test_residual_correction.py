@@ -392,12 +392,11 @@ def test_share_of_the_model_is_weighted_least_squares():
             last, elapsed = k, 0.0
     start, h = start[:, None], h[:, None]
     forecasts = []
-    for filter_, correction in ((combination.with_model, A), (combination.without_model, B)):
+    for correction in (A, B):
         of_error, of_rate = (
             np.where(start >= 0, six(x.payload)[start[:, 0]], 0.0) for x in (correction.error, correction.rate)
         )
-        decay = np.exp(-float(filter_.decay_rate) * h)
-        forecasts.append(decay * ((1 + float(filter_.decay_rate) * h) * of_error + h * of_rate))
+        forecasts.append(of_error + h * of_rate)
     f_A, f_B = lag + forecasts[0], forecasts[1]
     age = DT * (n - 1 - np.arange(n))
     weights = np.sqrt(np.exp(-age / 0.5))[:, None]
@@ -597,21 +596,16 @@ def predicted(
     return predictor.predict((), constant_model(0.0), context, acceleration_cmd)
 
 
-@pytest.mark.parametrize("decay_rate", [0.0, 1.0, 20.0])
-def test_prediction_is_the_mean_of_the_error_process(decay_rate):
-    """Error and rate are predicted over lead time and preview; agents use a share of the rate."""
+def test_prediction_extrapolates_over_lead_and_preview_time():
+    """The share of the model plus correction and rate over lead time and preview; agents use a share of the rate."""
     rng, team = np.random.default_rng(12), light_experiment().controller.team
     zero = residual_correction.zero_correction(team, jnp.zeros(()))
     size = residual_correction.flatten(zero.error).size
-    d, v = rng.normal(size=(2, size))
-    correction = dataclasses.replace(
-        zero,
-        error=residual_correction.unflatten(team, jnp.asarray(d)),
-        rate=residual_correction.unflatten(team, jnp.asarray(v)),
-        decay_rate=jnp.array(decay_rate),
-    )
+    s, d, v = rng.normal(size=(3, size))
+    forces = lambda x: residual_correction.unflatten(team, jnp.asarray(x))  # noqa: E731
+    correction = dataclasses.replace(zero, error=forces(d), rate=forces(v), model_weight=forces(s))
     found = np.asarray(residual_correction.flatten(predicted(correction, 0.02, 0.03, 0.4)))
-    share = np.asarray(
+    attenuation = np.asarray(
         residual_correction.flatten(
             ResidualForces(
                 payload=jax.tree.map(jnp.ones_like, zero.error.payload),
@@ -619,8 +613,7 @@ def test_prediction_is_the_mean_of_the_error_process(decay_rate):
             )
         )
     )
-    expected = 7.0 + (transition(decay_rate, 0.05) @ np.stack([d, share * v]))[0]
-    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found, 7.0 * s + d + 0.05 * attenuation * v, rtol=1e-9, atol=1e-9)
 
 
 def test_prediction_without_a_corrector_is_refused():

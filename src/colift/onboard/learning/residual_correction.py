@@ -32,16 +32,15 @@ Outputs = Float[Array, "outputs"]
 
 @pytree
 class ResidualCorrection:
-    """Estimated error of the residual model in one control period, with its rate.
+    """Correction of the residual model in one control period: ``f = s f_hat + d + h v`` after a time ``h``.
 
     Attributes:
         t: Time of the control period [s].
-        error: Estimated model error ``d``: residual minus model prediction [N, N m].
-        rate: Rate ``v`` of the error [N/s, N m/s].
-        decay_rate: Decay rate ``lambda`` of a future error [1/s].
+        error: Correction ``d`` [N, N m]: the estimated error of the model if its share is one.
+        rate: Rate ``v`` of the correction [N/s, N m/s].
         std: Standard deviation of the corrected prediction [N, N m].
         weight: Share of the estimated error that is applied, in [0, 1]: 1 with labels, decays without.
-        model_weight: Share of the model in the corrected prediction, in [0, 1].
+        model_weight: Share ``s`` of the residual model in the corrected prediction, in [0, 1].
         label: Label before the label filter [N, N m].
         prediction: Prediction of the residual model [N, N m].
         label_valid: 1 if this control period has a label, 0 otherwise.
@@ -51,7 +50,6 @@ class ResidualCorrection:
     t: Scalar
     error: ResidualForces
     rate: ResidualForces
-    decay_rate: Scalar
     std: ResidualForces
     weight: ResidualForces
     model_weight: ResidualForces
@@ -76,7 +74,6 @@ def zero_correction(team: Team, t: Scalar) -> ResidualCorrection:
         t=t,
         error=none,
         rate=none,
-        decay_rate=zero,
         std=none,
         weight=jax.tree.map(jnp.ones_like, none),
         model_weight=jax.tree.map(jnp.ones_like, none),
@@ -334,7 +331,6 @@ class ResidualKalmanFilter:
             t=clock.t,
             error=forces(weight * next_state.d),
             rate=forces(weight * next_state.v),
-            decay_rate=self.decay_rate,
             std=forces(std),
             weight=forces(weight),
             model_weight=forces(jnp.ones_like(weight)),
@@ -570,8 +566,8 @@ class ForecastCombination:
         d_A, v_A, d_B, v_B = state.origin
         d_A = d_A - _step_of_model(state.with_model, f, model.update_index)
         elapsed = state.forecast_time + dt
-        f_A = A.delayed + extrapolate(d_A, v_A, self.with_model.decay_rate, elapsed)
-        f_B = extrapolate(d_B, v_B, self.without_model.decay_rate, elapsed)
+        f_A = A.delayed + d_A + elapsed * v_A
+        f_B = d_B + elapsed * v_B
         average = sample.valid * -jnp.expm1(-sample.sample_interval / self.averaging_time)
         cross_moment = state.cross_moment + average * ((y - f_B) * (f_A - f_B) - state.cross_moment)
         second_moment = state.second_moment + average * ((f_A - f_B) ** 2 - state.second_moment)
@@ -594,16 +590,10 @@ class ForecastCombination:
             correction,
             error=forces(w * weight * A.d + (1 - w) * B.d),
             rate=forces(w * weight * A.v + (1 - w) * B.v),
-            decay_rate=jnp.zeros(()),
             std=forces(w * std_A + (1 - w) * std_B),
             model_weight=forces(w),
         )
         return combined, next_state
-
-
-def extrapolate(d: Outputs, v: Outputs, decay_rate: Scalar, h: Scalar) -> Outputs:
-    """Return the mean of a Matern-3/2 process with value d and rate v after the time h."""
-    return jnp.exp(-decay_rate * h) * ((1 + decay_rate * h) * d + h * v)
 
 
 def _vector_means(team: Team, x: Outputs) -> Outputs:

@@ -122,9 +122,9 @@ class DisturbanceObserver:
 class CorrectedResidual:
     """Base predictor corrected by the estimated error of the residual model.
 
-    A time ``h`` after the control period of the correction, the error is predicted by the mean of a Matern-3/2 process:
-    ``f = f_hat + exp(-lambda h) ((1 + lambda h) d + h a v)`` with the error ``d``, its rate ``v`` and decay rate
-    ``lambda`` (docs/learning, Eq. 3). ``h`` is the lead time plus the preview time.
+    A time ``h`` after the control period of the correction, the prediction is ``f = s f_hat + d + h a v`` with the share
+    ``s`` of the model, the correction ``d`` and its rate ``v`` (docs/learning, Eq. 6). ``h`` is the lead time plus the
+    preview time.
 
     Attributes:
         base: Predictor that is corrected.
@@ -174,13 +174,11 @@ class CorrectedResidual:
         f = self.base.predict(state, model, context, acceleration_cmd)
         correction = context.correction
         h = self.lead_time + context.clock.t - correction.t
-        decay = jnp.exp(-correction.decay_rate * h)
-        of_error, of_rate = decay * (1 + correction.decay_rate * h), decay * h
         agents = zip(correction.rate.agents, self.rate_attenuation, strict=True)
         attenuated = tuple(jax.tree.map(functools.partial(jnp.multiply, a[:, None]), force) for force, a in agents)
         rate = dataclasses.replace(correction.rate, agents=attenuated)
         return jax.tree.map(
-            lambda f, p, d, v: p * f + of_error * d + of_rate * v,
+            lambda f, s, d, v: s * f + d + h * v,
             f,
             correction.model_weight,
             correction.error,
