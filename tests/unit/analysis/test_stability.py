@@ -349,7 +349,11 @@ def test_intermittent_sensors_are_sampled_every_step():
 
 CORRECTOR_STATES = {
     "label_feedback": {"prediction", "sensor_lowpass", "stage1", "stage2", "error", "previous", "time_since_label"},
-    "adaptive": {"prediction", "delayed", "d", "v", "noise[0]"},
+    "adaptive": {
+        f"{filter_}.{name}"
+        for filter_ in ("with_model", "without_model")
+        for name in ("prediction", "delayed", "d", "v", "noise[0]")
+    },
 }
 
 

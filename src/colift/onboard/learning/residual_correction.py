@@ -576,11 +576,11 @@ class ForecastCombination:
         means = lambda x: _vector_means(team, x)  # noqa: E731
         w = jnp.clip(means(cross_moment + L_B) / means(second_moment + L_A + L_B), 0.0, 1.0)
         restart = elapsed >= self.horizon
-        start = ((A.d, d_A), (A.v, v_A), (B.d, d_B), (B.v, v_B))
+        begin = lambda new, old: jnp.where(restart, new, old)  # noqa: E731
         next_state = CombinationState(
             with_model=A,
             without_model=B,
-            origin=tuple(jnp.where(restart, new, old) for new, old in start),
+            origin=(begin(A.d, d_A), begin(A.v, v_A), begin(B.d, d_B), begin(B.v, v_B)),
             forecast_time=jnp.where(restart, 0.0, elapsed),
             cross_moment=cross_moment,
             second_moment=second_moment,

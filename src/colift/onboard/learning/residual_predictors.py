@@ -122,9 +122,9 @@ class DisturbanceObserver:
 class CorrectedResidual:
     """Base predictor corrected by the estimated error of the residual model.
 
-    A time ``h`` after the control period of the correction, the prediction is ``f = s f_hat + d + h a v`` with the share
-    ``s`` of the model, the correction ``d`` and its rate ``v`` (docs/learning, Eq. 6). ``h`` is the lead time plus the
-    preview time.
+    A time ``h`` after the control period of the correction, the prediction is ``f = s f_hat + d + h a v`` with the
+    share ``s`` of the model, the correction ``d`` and its rate ``v`` (docs/learning, Eq. 6). ``h`` is the lead time
+    plus the preview time.
 
     Attributes:
         base: Predictor that is corrected.
