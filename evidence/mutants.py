@@ -306,23 +306,22 @@ MUTANTS = {
         "jnp.multiply, 1.0",
         "unit/onboard/test_label_feedback",
     ),
-    "rate forecast: interruption of labels included": Mutant(
-        "onboard/learning/residual_correction.py",
-        "b = due * uninterrupted * -jnp",
-        "b = due * -jnp",
-        "unit/onboard/test_residual_correction",
-        "test_rates_before_a_gap_are_not_compared_after_it",
-    ),
-    "model gain: labels omitted": Mutant(
-        "onboard/learning/residual_correction.py",
-        "gain, comovement.cross_moment, comovement",
-        "gain, comovement.second_moment, comovement",
+    "Kalman filter: differenced label noise omitted": Mutant(
+        "onboard/learning/kalman_correction.py",
+        "S = H_d - P_dn + P_nn + R + Q",
+        "S = H_d - P_dn + P_nn + R",
         "unit/onboard/test_residual_correction",
     ),
-    "model update: mean prediction not offset": Mutant(
-        "onboard/learning/residual_correction.py",
-        "prediction_lowpass=plus(state.comovement.prediction_lowpass)",
-        "prediction_lowpass=state.comovement.prediction_lowpass",
+    "combination: variance gained without labels omitted": Mutant(
+        "onboard/learning/kalman_correction.py",
+        "means(cross_moment + L_B)",
+        "means(cross_moment + TINY)",
+        "unit/onboard/test_residual_correction",
+    ),
+    "model update: error not offset": Mutant(
+        "onboard/learning/kalman_correction.py",
+        "d=state.d - step",
+        "d=state.d",
         "unit/onboard/test_residual_correction",
     ),
     # bounds and certificates

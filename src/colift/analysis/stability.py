@@ -28,7 +28,7 @@ from colift.closed_loop import flight, simulator
 from colift.math import so3
 from colift.math.linalg import matmul
 from colift.models.state import State
-from colift.onboard.learning import residual_correction
+from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
 from colift.simulation import sensors
 from colift.simulation.world import SimulatedWorld, WorldNoise
@@ -375,7 +375,7 @@ def _undisturbed_loop(
     end, _ = simulator.rollout(experiment.loop_config, start, noise, jnp.asarray(1 + max_delay))
     corrector = getattr(end.controller, "corrector", None)
     filter_ = getattr(experiment.controller, "residual_corrector", None)
-    if isinstance(filter_, residual_correction.ResidualKalmanFilter | residual_correction.ForecastCombination):
+    if isinstance(filter_, kalman_correction.ResidualKalmanFilter | kalman_correction.ForecastCombination):
         corrector = filter_.steady_state(corrector, experiment.loop_config.dt)
         end = dataclasses.replace(end, controller=dataclasses.replace(end.controller, corrector=corrector))
     return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
@@ -641,7 +641,7 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     """
     corrector = getattr(loop.controller, "corrector", None)
     unused = [LABELS] if corrector is None else []
-    if isinstance(corrector, residual_correction.KalmanState | residual_correction.CombinationState):
+    if isinstance(corrector, kalman_correction.KalmanState | kalman_correction.CombinationState):
         unused = [LABEL_FILTERS]
     excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, *unused))
     return {

@@ -117,7 +117,7 @@ def _expected_results(team: Team, state: State) -> dict[tuple[str, str], Any]:
     lam = tuple(group.contact_position for group in team.agent_groups)
     return {
         ("estimator", "update"): StateEstimate(agents=state.agents, payload=state.payload, a_L=jnp.zeros(6), lam=lam),
-        ("residual_corrector", "update"): residual_correction.zero_correction(team, jnp.zeros(())),
+        ("residual_corrector", "update"): residual_correction.zero_correction(zero_residual(team), jnp.zeros(())),
         ("residual_predictor", "predict"): zero_residual(team),
         ("payload_controller", "compute"): tracking.AccelerationCommand(
             a=vector, alpha=vector, jerk=vector, alpha_dot=vector

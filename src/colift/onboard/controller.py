@@ -30,6 +30,7 @@ from colift.models.state import (
     State,
     TeamInputs,
     Wrench,
+    zero_residual,
 )
 from colift.onboard.control import preview, tracking
 from colift.onboard.control.actuator_compensation import NoCompensation
@@ -203,7 +204,7 @@ class LeaderFollowerController:
             initialized=state.initialized,
             correction=None
             if self.residual_corrector is None
-            else residual_correction.zero_correction(self.team, clock.t),
+            else residual_correction.zero_correction(zero_residual(self.team), clock.t),
         )
         hover, _, _ = self.control_law(state.payload_controller, state.predictor, context)
         return hover, dataclasses.replace(state, last_command=hover, actuator=self.actuator_compensator.init(hover))
@@ -235,9 +236,8 @@ class LeaderFollowerController:
         )
         corrector = state.corrector
         if self.residual_corrector is not None:
-            correction, corrector = self.residual_corrector.update(
-                corrector, self.team, self.residual_model, estimate, clock
-            )
+            observation = residual_correction.observe(self.residual_model, self.team, estimate)
+            correction, corrector = self.residual_corrector.update(corrector, observation, clock)
             context = dataclasses.replace(context, correction=correction)
         predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
         requested, payload_controller, telemetry = self.control_law(state.payload_controller, predictor, context)

@@ -32,7 +32,7 @@ from colift.onboard.control.allocation import (
     squeeze,
 )
 from colift.onboard.estimation import state_estimator
-from colift.onboard.learning import residual_correction, residual_predictors
+from colift.onboard.learning import kalman_correction, label_filter, residual_correction, residual_predictors
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
 from colift.scenario import team as team_module
@@ -231,15 +231,15 @@ def with_residual_corrector(
         for group in label_loop_gains(settings, base.team)
     )
     predictor = residual_predictors.CorrectedResidual(base=base.residual_predictor, rate_attenuation=attenuation)
-    if isinstance(corrector, residual_correction.ForecastCombination):  # its error lags by the tip sensors only
+    if isinstance(corrector, kalman_correction.ForecastCombination):  # its error lags by the tip sensors only
         tip_bandwidth = corrector.with_model.tip_bandwidth
         predictor = dataclasses.replace(predictor, lead_time=1 / (2 * jnp.pi * tip_bandwidth))
     return dataclasses.replace(base, residual_corrector=corrector, residual_predictor=predictor)
 
 
-def label_filter(settings: schema.Scenario) -> residual_correction.LabelFilter:
+def label_low_pass(settings: schema.Scenario) -> label_filter.LabelFilter:
     """Return the low-pass filter of labels."""
-    return residual_correction.LabelFilter(filters=_filters(settings))
+    return label_filter.LabelFilter(filters=_filters(settings))
 
 
 ERROR_STD_FACTOR, RESIDUAL_STD_FACTOR = 2.0, 4.0
@@ -252,13 +252,13 @@ to 8 give equal errors within 5 %, and 2 reacts more slowly.
 
 def residual_kalman_filter(
     settings: schema.Scenario, team: Team, std_factor: float
-) -> residual_correction.ResidualKalmanFilter:
+) -> kalman_correction.ResidualKalmanFilter:
     """Return the Kalman filter of the model error, with standard deviations relative to the priors of the residual."""
     given = settings.learning
     payload, agents = given.payload.signal_std, given.agents.signal_std
     std = jax.tree.map(jnp.ones_like, zero_residual(team))
     scaled = lambda x, factor: std_factor * factor * x  # noqa: E731
-    return residual_correction.ResidualKalmanFilter(
+    return kalman_correction.ResidualKalmanFilter(
         std=ResidualForces(
             payload=Wrench(F=scaled(std.payload.F, payload.force_N), tau=scaled(std.payload.tau, payload.moment_Nm)),
             agents=tuple(
@@ -274,9 +274,9 @@ def residual_kalman_filter(
     )
 
 
-def forecast_combination(settings: schema.Scenario, team: Team) -> residual_correction.ForecastCombination:
+def forecast_combination(settings: schema.Scenario, team: Team) -> kalman_correction.ForecastCombination:
     """Return the average of corrected predictions with and without the residual model."""
-    return residual_correction.ForecastCombination(
+    return kalman_correction.ForecastCombination(
         with_model=residual_kalman_filter(settings, team, ERROR_STD_FACTOR),
         without_model=residual_kalman_filter(settings, team, RESIDUAL_STD_FACTOR),
     )

@@ -190,7 +190,7 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
                 residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, tuning.ridge_alpha),
             )
         case "label_feedback" | "gp_label_feedback":
-            corrector = controllers.label_filter(settings)
+            corrector = controllers.label_low_pass(settings)
             controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
         case "adaptive":
             corrector = controllers.forecast_combination(settings, controller.team)

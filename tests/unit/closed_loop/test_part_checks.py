@@ -120,8 +120,8 @@ class OwnCorrector:
     def init(self, team: Any) -> Any:
         return jnp.zeros(())
 
-    def update(self, state: Any, team: Any, model: Any, estimate: Any, clock: Any) -> Any:
-        correction = residual_correction.zero_correction(team, clock.t)
+    def update(self, state: Any, observation: Any, clock: Any) -> Any:
+        correction = residual_correction.zero_correction(observation.label, clock.t)
         if self.fault == "no weight":
             correction = dataclasses.replace(correction, weight=None)
         return correction, jnp.zeros(2) if self.fault == "other state" else state

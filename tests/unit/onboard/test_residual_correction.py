@@ -21,12 +21,9 @@ from colift.onboard import interfaces
 from colift.onboard.control import tracking
 from colift.onboard.estimation.state_estimator import FilterBandwidths, StateEstimate, TrainingSample
 from colift.onboard.learning import features, residual_correction, residual_model, residual_predictors
-from colift.onboard.learning.residual_correction import (
-    ForecastCombination,
-    KalmanState,
-    LabelFilter,
-    ResidualKalmanFilter,
-)
+from colift.onboard.learning.kalman_correction import ForecastCombination, KalmanState, ResidualKalmanFilter
+from colift.onboard.learning.label_filter import LabelFilter
+from colift.onboard.learning.residual_correction import ResidualObservation
 from colift.scenario import experiment
 from tests.support import small_team as light
 
@@ -65,10 +62,16 @@ def filter_labels(
 
     def step(state: KalmanState, of: tuple) -> tuple:
         y, valid, interval = of
-        sample = TrainingSample(
-            payload=(jnp.zeros(24), y), agents=(), unfiltered=(y, ()), valid=valid, sample_interval=interval
+        label = ResidualForces(payload=Wrench(F=y[:3], tau=y[3:]), agents=())
+        observation = ResidualObservation(
+            label=label,
+            filtered_label=label,
+            prediction=label,
+            update_index=jnp.zeros((), int),
+            valid=valid,
+            interval=interval,
         )
-        state, nis = corrector.filter(state, jnp.zeros(OUTPUTS), y, sample, jnp.array(DT))
+        state, nis = corrector.filter(state, jnp.zeros(OUTPUTS), observation, jnp.array(DT))
         return state, (state, nis)
 
     return jax.lax.scan(step, start, (y, on, intervals))[1]
@@ -266,7 +269,8 @@ def corrections(
     def step(state: Any, context: tuple) -> tuple:
         k, *inputs = context
         clock = ControlClock(t=k.astype(float) * DT, dt=jnp.array(DT))
-        correction, state = corrector.update(state, team, model(k), estimate_with_label(*inputs), clock)
+        observation = residual_correction.observe(model(k), team, estimate_with_label(*inputs))
+        correction, state = corrector.update(state, observation, clock)
         return state, correction
 
     team = light_experiment().controller.team  # made before anything is traced
@@ -439,18 +443,15 @@ def test_estimator_without_labels_is_refused():
     without_labels = StateEstimate(
         agents=of.initial_state.agents, payload=of.initial_state.payload, a_L=jnp.zeros(6), lam=lam
     )
-    clock = ControlClock(t=jnp.zeros(()), dt=jnp.array(DT))
-    for make in CORRECTORS.values():
-        state = make().init(of.controller.team)
-        with pytest.raises(ValueError, match="provides no labels"):
-            make().update(state, of.controller.team, of.controller.residual_model, without_labels, clock)
+    with pytest.raises(ValueError, match="provides no labels"):
+        residual_correction.observe(of.controller.residual_model, of.controller.team, without_labels)
 
 
 def test_outputs_of_all_bodies_are_one_vector():
     team = light_experiment().controller.team
     size = residual_correction.flatten(zero_residual(team)).size
     x = jnp.arange(float(size))
-    np.testing.assert_array_equal(residual_correction.flatten(residual_correction.unflatten(team, x)), x)
+    np.testing.assert_array_equal(residual_correction.flatten(residual_correction.unflatten(x, zero_residual(team))), x)
 
 
 def test_standard_deviations_are_multiples_of_the_prior():
@@ -599,10 +600,10 @@ def predicted(
 def test_prediction_extrapolates_over_lead_and_preview_time():
     """The share of the model plus correction and rate over lead time and preview; agents use a share of the rate."""
     rng, team = np.random.default_rng(12), light_experiment().controller.team
-    zero = residual_correction.zero_correction(team, jnp.zeros(()))
+    zero = residual_correction.zero_correction(zero_residual(team), jnp.zeros(()))
     size = residual_correction.flatten(zero.error).size
     s, d, v = rng.normal(size=(3, size))
-    forces = lambda x: residual_correction.unflatten(team, jnp.asarray(x))  # noqa: E731
+    forces = lambda x: residual_correction.unflatten(jnp.asarray(x), zero_residual(team))  # noqa: E731
     correction = dataclasses.replace(zero, error=forces(d), rate=forces(v), model_weight=forces(s))
     found = np.asarray(residual_correction.flatten(predicted(correction, 0.02, 0.03, 0.4)))
     attenuation = np.asarray(

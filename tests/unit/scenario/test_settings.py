@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from colift.onboard.control import actuator_compensation
 from colift.onboard.estimation import state_estimator
-from colift.onboard.learning import online_learner, residual_correction, residual_predictors
+from colift.onboard.learning import kalman_correction, online_learner, residual_predictors
 from colift.scenario import Scenario, experiment, termination
 from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema_docs import unit_of
@@ -118,7 +118,7 @@ def test_constants_of_algorithms_have_their_stated_values():
     controller, held = made["adaptive"].controller, made["gp_label_feedback"].controller.residual_predictor
     assert isinstance(held, residual_predictors.CorrectedResidual)
     corrector, estimator, lag = controller.residual_corrector, controller.estimator, controller.actuator_compensator
-    assert isinstance(corrector, residual_correction.ForecastCombination)
+    assert isinstance(corrector, kalman_correction.ForecastCombination)
     assert isinstance(estimator, state_estimator.ComplementaryFilter)
     assert isinstance(lag, actuator_compensation.LagInversion)
     values = {
