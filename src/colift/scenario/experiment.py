@@ -227,7 +227,6 @@ def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> f
         fit_options=priors.position_only_options(settings, experiment.controller.team),
         online_updates=online_learner.OnlineUpdateOptions(
             times=tuple(times.tolist()),
-            min_samples=min(online_learner.OnlineUpdateOptions.min_samples, given.max_samples),
             mean_prior=priors.mean_prior(settings, experiment.controller.team),
         ),
     )
