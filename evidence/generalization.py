@@ -307,15 +307,12 @@ PLACE = {True: slice(0, 3), False: slice(9, 12)}  # of features: the payload's, 
 
 def fit_place(flight_data: TrainingFlight) -> ModelWithUncertainty:
     """Return the model of `adaptive` for these data."""
-    fitted, _, covariances = semiparametric.fit(
-        flight_data.model,
-        flight_data.dataset,
-        flight_data.position_options,
-        flight_data.mean,
-        {},
-        model_update.samples_by_body(flight_data.dataset),
+    fitted, _, _ = semiparametric.fit(
+        flight_data.model, flight_data.dataset, flight_data.position_options, flight_data.mean, {}
     )
-    return ModelWithUncertainty(fitted, semiparametric.mean_uncertainties(fitted, flight_data.dataset, covariances, {}))
+    end = flight_data.dataset.latest_time()
+    fitted, covariances = semiparametric.condition(fitted, flight_data.dataset, flight_data.mean, end)
+    return ModelWithUncertainty(fitted, semiparametric.mean_uncertainties(fitted, flight_data.dataset, covariances))
 
 
 def mean_basis(flight_data: TrainingFlight, body: BodyKey, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -272,12 +272,19 @@ MUTANTS = {
         "unit/onboard/test_residual_model",
         "test_physical_consistency_keeps_a_tenth_of_the_inertia",
     ),
-    "identification: residual function as mass": Mutant(
-        "onboard/learning/semiparametric.py",
-        "K = gp.gram_matrices(Z, change_point.model.hyper)",
-        "K = 0.05 * np.tile(np.eye(len(Z)), (6, 1, 1))",
+    "changes: parameters do not jump": Mutant(
+        "gp/time_variation.py",
+        "rate * walk + jumps",
+        "rate * walk + 0 * jumps",
         "unit/onboard/test_semiparametric",
-        "test_spatial_force_is_not_identified_as_mass",
+        "test_jump_of_constants_and_mass_keeps_the_field",
+    ),
+    "changes: change point at the first candidate": Mutant(
+        "onboard/learning/change_detection.py",
+        "best = int(np.argmax(log_factors))",
+        "best = 0",
+        "unit/onboard/test_online_learner",
+        "test_contradicting_labels_are_a_change_point",
     ),
     "regressor: sign of the lever arm": Mutant(
         "onboard/learning/identification.py",

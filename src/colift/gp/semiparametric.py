@@ -269,7 +269,7 @@ def log_marginal_likelihood(
         s, factor, v = np.exp(t[3 * k : 3 * k + 3])
         R = Y[:, q] - Phi[:, q] @ theta
         a = inverse @ R
-        value -= 0.5 * float(R @ a)
+        value -= 0.5 * float(Y[:, q] @ a)
         M = np.outer(a, a) - inverse + T @ covariance @ T.T
         weighted = M * (1 + of_f)
         gradient[3 * k : 3 * k + 3] += (

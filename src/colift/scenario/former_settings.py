@@ -22,10 +22,7 @@ CONSTANTS: dict[str, tuple[float, str | None]] = {
     ),
     "online_correction.hold_time_s": (0.2, None),
     "online_correction.averaging_time_s": (0.5, None),
-    "online_correction.nis_threshold": (
-        3.0,
-        f"the field nis_threshold of {_LEARNING}.online_learner.OnlineUpdateOptions",
-    ),
+    "online_correction.nis_threshold": (3.0, None),
     "online_correction.preview_step_s": (
         0.03,
         "the field preview_step of colift.onboard.controller.LeaderFollowerController",

@@ -40,11 +40,6 @@ PAPER_CASES = ("C1", "C2", "C3")  # a caption explains them; the legend of a sin
 MARKERS = 9  # per line, so that lines differ in black and white
 RANGE_OPACITY = 0.3  # opacity of the range of a noisy signal
 CHANGE_POINT_STYLE: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
-REFIT_STYLE: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
-EVENTS = {
-    "change_points": (CHANGE_POINT_STYLE, "change point"),
-    "refits": (REFIT_STYLE, "refit"),
-}
 LABEL_STYLE: dict[str, Any] = {"color": axes_module.GREY, "linewidth": 0.5, "alpha": 0.6}
 COVERAGE_FACTOR = 1.96  # of standard deviations, for 95 % of normal errors
 TERMINATION_MARKER: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
@@ -324,7 +319,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
 
     Of the payload force, the component that varies most is shown: label, model, and model with correction and
     95 % interval. The correction weight is that of the payload, averaged over force and moment. Spans in which it is
-    below 0.5 are shaded: labels are missing. Vertical lines mark change points and refits.
+    below 0.5 are shaded: labels are missing. Vertical lines mark change points.
 
     Args:
         cases: Logs of cases with online correction.
@@ -350,9 +345,8 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
         _plot_num_samples(column[4], name, ds)
         for ax in column:
             axes_module.shade_all(ax, ds.time.values, weights[name].values < 0.5)
-            for event, (style, _) in EVENTS.items():
-                for entry in filter(None, str(ds.attrs.get(event, "")).split("; ")):
-                    ax.axvline(float(entry.split(" s:")[0]), **style)
+            for entry in filter(None, str(ds.attrs.get("change_points", "")).split("; ")):
+                ax.axvline(float(entry.split(" s:")[0]), **CHANGE_POINT_STYLE)
         column[0].set_title(axes_module.title(name, ds, descriptions))
         axes_module.time_axis(column[-1], cases)
     axes_module.log_scale(grid[0, 0])
@@ -404,9 +398,8 @@ def _correction_legend(cases: axes_module.Cases, weights: Mapping[str, xr.DataAr
         handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "samples, one agent"))
     if any((weight.values < 0.5).any() for weight in weights.values()):
         handles.append((axes_module.active_patch(), "correction weight below 0.5"))
-    for event, (style, label) in EVENTS.items():
-        if any(ds.attrs.get(event) for ds in cases.values()):
-            handles.append((Line2D([], [], **style), label))
+    if any(ds.attrs.get("change_points") for ds in cases.values()):
+        handles.append((Line2D([], [], **CHANGE_POINT_STYLE), "change point"))
     return handles
 
 

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from colift.onboard.control import actuator_compensation
 from colift.onboard.estimation import state_estimator
-from colift.onboard.learning import kalman_correction, online_learner, residual_predictors
+from colift.onboard.learning import kalman_correction, residual_predictors, semiparametric
 from colift.scenario import Scenario, experiment, termination
 from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema_docs import unit_of
@@ -142,11 +142,5 @@ def test_constants_of_algorithms_have_their_stated_values():
         "lead_time": 0.02,
     }
     assert all(value.dtype == float and not value.weak_type for value in jax.tree.leaves(values))
-    options = online_learner.OnlineUpdateOptions
-    assert (options.nis_threshold, options.transient_time, options.min_samples, options.forgetting_time) == (
-        3.0,
-        0.5,
-        150,
-        20.0,
-    )
+    assert semiparametric.MeanPrior.median_rate == 1 / 300
     assert (termination.MIN_GRASP_RATIO, termination.HOVER_THRUST_MARGIN) == (0.01, 0.1)

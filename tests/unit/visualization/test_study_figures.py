@@ -272,7 +272,7 @@ def test_figure_7_draws_corrections_and_change_points(cases, tmp_path):
         correction_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
         correction_weight_L_force=(ds.p.dims, np.tile(weight[:, None], 3)),
         correction_weight_L_moment=(ds.p.dims, np.tile(0.5 * weight[:, None], 3)),
-    ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
+    ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front")
     figure = study_figures.plot_online_correction({"C3": with_labels}, TOLD)
     error, payload, agents, used, points = figure.axes
     np.testing.assert_allclose(used.lines[0].get_ydata(), 0.75 * weight, rtol=1e-14)
@@ -294,9 +294,6 @@ def test_figure_7_draws_corrections_and_change_points(cases, tmp_path):
             2.5,
             4.5,
         ]
-        assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.REFIT_STYLE["color"]] == [
-            6.5
-        ]
         shaded = ax.collections[-1]
         x = shaded.get_paths()[0].vertices[:, 0]
         assert (x.min(), x.max()) == pytest.approx((5, 7), abs=0.06)
@@ -310,13 +307,11 @@ def test_figure_7_draws_corrections_and_change_points(cases, tmp_path):
         "samples, one agent",
         "correction weight below 0.5",
         "change point",
-        "refit",
     } <= explained
     ones = {part: with_labels[f"correction_weight_L_{part}"] * 0 + 1 for part in ("force", "moment")}
     small_errors = with_labels.assign({f"correction_weight_L_{part}": x for part, x in ones.items()})
     small_errors.attrs |= {
         "change_points": "",
-        "refits": "",
         "num_samples_agents": 2 * np.array(with_labels.attrs["num_samples_payload"]),
     }
     explained = {

@@ -1,6 +1,6 @@
 """Detection of abrupt changes of the residual by Bayes factors.
 
-At a model update, the new samples of a body are compared with two hypotheses: no abrupt change, or a change point at one
+At a model update, two hypotheses are compared for the new samples of a body: no abrupt change, or a change point at one
 of several times since the last update. The likelihoods are those of the new samples given the earlier ones. All
 functions run on the host.
 
@@ -32,9 +32,9 @@ def detect_changes(
     samples: model_update.SamplesByBody,
     fitted: model_update.Fits,
     mean_prior: semiparametric.MeanPrior,
-    changes: semiparametric.ChangesByBody,
+    variations: semiparametric.Variations,
     last_sample_time: float,
-) -> dict[features.BodyKey, model_update.Changes]:
+) -> dict[features.BodyKey, model_update.Variation]:
     """Add a change point to every body whose new samples support one.
 
     Args:
@@ -42,7 +42,7 @@ def detect_changes(
         samples: Earlier and new samples by body.
         fitted: Hyperparameter fits; bodies without one are left out.
         mean_prior: Prior of the mean parameters.
-        changes: Changes of the residual with time, by body.
+        variations: Changes of the residual with time, by body.
         last_sample_time: Time of the last sample of the previous update [s]; later samples are new.
 
     Returns:
@@ -56,7 +56,7 @@ def detect_changes(
 
     def test(body: features.BodyKey) -> float | None:
         times, log_factors = log_bayes_factors(
-            model, body, samples[body], mean_prior, changes[body], last_sample_time
+            model, body, samples[body], mean_prior, variations[body], last_sample_time
         )
         best = int(np.argmax(log_factors))
         # no change and a change at any of the times have equal prior probabilities
@@ -64,7 +64,7 @@ def detect_changes(
 
     found = model_update.parallel_map(test, tested)
     return {
-        body: dataclasses.replace(changes[body], times=(*changes[body].times, time))
+        body: dataclasses.replace(variations[body], times=(*variations[body].times, time))
         for body, time in found.items()
         if time is not None
     }
@@ -75,7 +75,7 @@ def log_bayes_factors(
     body: features.BodyKey,
     samples: model_update.Samples,
     mean_prior: semiparametric.MeanPrior,
-    changes: model_update.Changes,
+    variation: model_update.Variation,
     last_sample_time: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Compute the log Bayes factors of change points against no change.
@@ -89,7 +89,7 @@ def log_bayes_factors(
         body: Key of the body.
         samples: Earlier and new samples of the body.
         mean_prior: Prior of the mean parameters.
-        changes: Earlier changes of the residual of the body.
+        variation: Earlier changes of the residual of the body.
         last_sample_time: Time of the last sample of the previous update [s]; later samples are new.
 
     Returns:
@@ -99,9 +99,9 @@ def log_bayes_factors(
     new, hyper = t > last_sample_time, residual_model.get_model(model, body).hyper
     prior = mean_prior.payload if payload else mean_prior.agents
     Z, Phi = features.compute_features(model.features, body, x), semiparametric.mean_regressors(x, payload)
-    variation = semiparametric.time_variation(x, t, float(t.max()), changes, payload, changes.rate)
-    D = variation.covariance(Z, Phi, prior, hyper, changes.rate)
-    B = variation.parameter_covariance(Phi, prior)
+    of_time = semiparametric.time_variation(t, float(t.max()), variation, payload, variation.rate)
+    D = of_time.covariance(Z, Phi, prior, hyper, variation.rate)
+    B = of_time.parameter_covariance(Phi, prior)
     recent = t[new]
     times = recent[:: -(-len(recent) // NUM_CANDIDATES)]
     after = (recent[None] >= times[:, None]).astype(float)

@@ -75,7 +75,7 @@ SamplesByBody = Mapping[BodyKey, Samples]
 
 
 @dataclasses.dataclass(frozen=True)
-class Changes:
+class Variation:
     """Changes of the residual of a body with time (`colift.gp.TimeVariation`).
 
     Attributes:
@@ -135,7 +135,7 @@ def merge_samples(previous: RecorderState, recorder_state: RecorderState, last_s
 
 
 def select_samples(
-    model: ResidualModel, samples: SamplesByBody, like: RecorderState, t: float, changes: Mapping[BodyKey, Changes]
+    model: ResidualModel, samples: SamplesByBody, like: RecorderState, t: float, variations: Mapping[BodyKey, Variation]
 ) -> RecorderState:
     """Keep the most informative samples within the budget.
 
@@ -147,7 +147,7 @@ def select_samples(
         samples: Samples by body.
         like: Data sets of the capacity of the result.
         t: Time of the update [s].
-        changes: Changes of the residual with time, by body.
+        variations: Changes of the residual with time, by body.
 
     Returns:
         The selected samples.
@@ -156,12 +156,12 @@ def select_samples(
     def select(body: BodyKey) -> Samples:
         posterior, (x, Y, times) = get_model(model, body), samples[body]
         ratio = float(posterior.hyper.signal_variance[0] / posterior.hyper.noise_variance[0])
-        changed = changes[body].rate * (t - times) + gp.JUMP_SHARE * changes[body].num_since(times)
+        changed = variations[body].rate * (t - times) + gp.JUMP_SHARE * variations[body].num_since(times)
         Z = compute_features(model.features, body, x)
         keep = gp.select_subset(Z, posterior.hyper, posterior.capacity, 1 + ratio * changed)
         return x[keep], Y[keep], times[keep]
 
-    return _replace_samples(like, parallel_map(select, samples))
+    return _replace_samples(like, {**samples_by_body(like), **parallel_map(select, samples)})
 
 
 def _replace_samples(like: RecorderState, samples: Mapping[BodyKey, Samples]) -> RecorderState:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -105,7 +104,7 @@ class OnlineLearner:
         identification: Options of a parametric identification or a ridge regression in place of Gaussian processes.
         online_updates: Options for periodic updates; None for updates at fixed times without change detection.
         fits: Last hyperparameter fits by body.
-        changes: Changes of the residual with time, by body.
+        variations: Changes of the residual with time, by body.
         mean_uncertainties: Mean uncertainties by body.
         last_sample_time: Time of the last sample that an update has used [s].
         data: Samples selected until then; None before the first periodic update.
@@ -132,7 +131,7 @@ class OnlineLearner:
         """
         self.fit_options, self.identification, self.online_updates = fit_options, identification, online_updates
         self.fits: model_update.Fits = {}
-        self.changes: semiparametric.ChangesByBody = {}
+        self.variations: semiparametric.Variations = {}
         self.mean_uncertainties: semiparametric.MeanUncertainties = {}
         self.last_sample_time = 0.0
         self.data: recorder.RecorderState | None = None
@@ -206,18 +205,18 @@ class OnlineLearner:
             return model, ()
         previous = jax.tree.map(jnp.zeros_like, recorder_state) if self.data is None else self.data
         samples = model_update.merge_samples(previous, recorder_state, self.last_sample_time)
-        none = model_update.Changes(rate=options.mean_prior.median_rate)
-        changes = {body: self.changes.get(body, none) for body in samples}
+        none = model_update.Variation(rate=options.mean_prior.median_rate)
+        variations = {body: self.variations.get(body, none) for body in samples}
         found = change_detection.detect_changes(
-            model, samples, self.fits, options.mean_prior, changes, self.last_sample_time
+            model, samples, self.fits, options.mean_prior, variations, self.last_sample_time
         )
-        changes |= found
-        data = model_update.select_samples(model, samples, previous, end, changes)
+        variations |= found
+        data = model_update.select_samples(model, samples, previous, end, variations)
         if fit and self.fit_options is not None:
-            model, self.fits, changes = semiparametric.fit(
-                model, data, self.fit_options, options.mean_prior, self.fits, changes
+            model, self.fits, variations = semiparametric.fit(
+                model, data, self.fit_options, options.mean_prior, self.fits, variations
             )
-        model, covariances = semiparametric.condition(model, data, options.mean_prior, end, changes)
+        model, covariances = semiparametric.condition(model, data, options.mean_prior, end, variations)
         self.mean_uncertainties = semiparametric.mean_uncertainties(model, data, covariances)
-        self.data, self.changes = data, changes
+        self.data, self.variations = data, variations
         return model, tuple(found)

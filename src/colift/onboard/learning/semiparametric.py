@@ -72,7 +72,7 @@ class MeanUncertainty:
 MeanUncertainties = Mapping[features.BodyKey, MeanUncertainty]
 """Mean uncertainty of every body with a fitted mean."""
 
-ChangesByBody = Mapping[features.BodyKey, model_update.Changes]
+Variations = Mapping[features.BodyKey, model_update.Variation]
 """Changes of the residual with time, by body."""
 
 
@@ -98,7 +98,7 @@ def position_only_prior(hyperprior: gp.HyperPrior, names: Sequence[str], payload
 
 
 def time_variation(
-    x: np.ndarray, t: np.ndarray, end: float, changes: model_update.Changes, payload: bool, median_rate: float
+    t: np.ndarray, end: float, variation: model_update.Variation, payload: bool, median_rate: float
 ) -> gp.TimeVariation:
     """Return the changes of a body between its samples and the time of an update.
 
@@ -106,10 +106,9 @@ def time_variation(
     the body.
 
     Args:
-        x: Inputs of the samples.
         t: Times of the samples [s].
         end: Time of the update [s].
-        changes: Changes of the residual of the body.
+        variation: Changes of the residual of the body.
         payload: Whether the body is the payload.
         median_rate: Median of the prior of the rate [1/s].
 
@@ -118,7 +117,7 @@ def time_variation(
     """
     varying = np.array([*[payload] * 4, *[False] * 4, *[True] * 6] if payload else [False] * 2 + [True] * 3)
     return gp.TimeVariation(
-        age=end - t, jumps=changes.num_since(t), varying=varying.astype(float), median_rate=median_rate
+        age=end - t, jumps=variation.num_since(t), varying=varying.astype(float), median_rate=median_rate
     )
 
 
@@ -128,8 +127,8 @@ def fit(
     fit_options: model_update.FitOptions,
     mean_prior: MeanPrior,
     last_fits: model_update.Fits,
-    changes: ChangesByBody | None = None,
-) -> tuple[residual_model.ResidualModel, model_update.Fits, ChangesByBody]:
+    variations: Variations | None = None,
+) -> tuple[residual_model.ResidualModel, model_update.Fits, Variations]:
     """Fit the hyperparameters of all bodies with at least two samples.
 
     Args:
@@ -138,7 +137,7 @@ def fit(
         fit_options: Options of the fit.
         mean_prior: Prior of the mean parameters.
         last_fits: Last fits by body.
-        changes: Changes of the residual with time, by body; None for a constant residual.
+        variations: Changes of the residual with time, by body; None for a constant residual.
 
     Returns:
         The residual model with new hyperparameters, which is not conditioned yet, the last fits, and the changes with
@@ -149,7 +148,7 @@ def fit(
     }
 
     def fit_body(body: features.BodyKey) -> tuple[gp.FitResult, float | None]:
-        of = None if changes is None else changes[body]
+        of = None if variations is None else variations[body]
         return _fit_body(model, body, samples[body], fit_options, mean_prior, last_fits.get(body), of)
 
     fitted = model_update.parallel_map(fit_body, samples)
@@ -158,13 +157,13 @@ def fit(
         for body, (fit, _) in fitted.items()
     }
     later = {
-        body: dataclasses.replace((changes or {})[body], rate=rate)
+        body: dataclasses.replace((variations or {})[body], rate=rate)
         for body, (_, rate) in fitted.items()
         if rate is not None
     }
     index = model.update_index
     model = dataclasses.replace(residual_model.replace_models(model, models), update_index=index)
-    return model, {**last_fits, **{body: fit for body, (fit, _) in fitted.items()}}, {**(changes or {}), **later}
+    return model, {**last_fits, **{body: fit for body, (fit, _) in fitted.items()}}, {**(variations or {}), **later}
 
 
 def condition(
@@ -172,7 +171,7 @@ def condition(
     recorder_state: recorder.RecorderState,
     mean_prior: MeanPrior,
     end: float,
-    changes: ChangesByBody | None = None,
+    variations: Variations | None = None,
 ) -> tuple[residual_model.ResidualModel, dict[features.BodyKey, np.ndarray]]:
     """Estimate the present mean parameters of all bodies and condition their GPs.
 
@@ -181,7 +180,7 @@ def condition(
         recorder_state: Recorded samples.
         mean_prior: Prior of the mean parameters.
         end: Time of the update [s].
-        changes: Changes of the residual with time, by body; None for a constant residual.
+        variations: Changes of the residual with time, by body; None for a constant residual.
 
     Returns:
         The residual model, and the posterior covariances of the mean parameters by body.
@@ -191,7 +190,7 @@ def condition(
     }
 
     def estimate(body: features.BodyKey) -> _Estimate:
-        of = None if changes is None else changes[body]
+        of = None if variations is None else variations[body]
         return _estimate_body(model, body, samples[body], mean_prior, end, of)
 
     found = model_update.parallel_map(estimate, samples)
@@ -224,7 +223,7 @@ def _estimate_body(
     samples: model_update.Samples,
     mean_prior: MeanPrior,
     end: float,
-    changes: model_update.Changes | None,
+    variation: model_update.Variation | None,
 ) -> _Estimate:
     """Estimate the present mean parameters and constants of a body."""
     (x, Y, t), payload = samples, isinstance(body, str)
@@ -233,11 +232,11 @@ def _estimate_body(
     Z, Phi = features.compute_features(model.features, body, x), mean_regressors(x, payload)
     num_joint, num_outputs = Phi.shape[1], Y.shape[1]
     D = np.zeros((num_outputs, len(x), len(x)))
-    if changes is not None:
-        variation = time_variation(x, t, end, changes, payload, changes.rate)
-        D[:num_joint] = variation.covariance(Z, Phi, prior, hyper, changes.rate)
-        of_f, of_constant = variation.weights(changes.rate)
-        for i in range(num_joint, num_outputs):  # a constant changes by the standard deviation of its GP
+    if variation is not None:
+        of_time = time_variation(t, end, variation, payload, variation.rate)
+        D[:num_joint] = of_time.covariance(Z, Phi, prior, hyper, variation.rate)
+        of_f, of_constant = of_time.weights(variation.rate)
+        for i in range(num_joint, num_outputs):  # a constant variation by the standard deviation of its GP
             D[i] = of_f * gp.function_covariance(Z, hyper, i) + of_constant * float(hyper.signal_variance[i])
     beta, covariance = gp.estimate_parameters(Z, Y[:, :num_joint], Phi, prior, hyper, D)
     constants = np.array(hyper.constant_mean)
@@ -318,7 +317,7 @@ def _fit_body(
     fit_options: model_update.FitOptions,
     mean_prior: MeanPrior,
     last_fit: gp.FitResult | None,
-    changes: model_update.Changes | None,
+    variation: model_update.Variation | None,
 ) -> tuple[gp.FitResult, float | None]:
     """Fit the hyperparameters of a body; return the fit and the rate of the changes."""
     x, Y, t = samples
@@ -336,9 +335,9 @@ def _fit_body(
         start=None if last_fit is None else last_fit.hyper,
         max_iterations=fit_options.max_iterations,
         variation=None
-        if changes is None
-        else time_variation(x, t, float(t.max()), changes, payload, mean_prior.median_rate),
-        start_rate=None if changes is None else changes.rate,
+        if variation is None
+        else time_variation(t, float(t.max()), variation, payload, mean_prior.median_rate),
+        start_rate=None if variation is None else variation.rate,
     )
     hyper = dataclasses.replace(joint.hyper, constant_mean=jnp.asarray(joint.theta[-num_joint:]))
     scale = np.asarray(joint.hyper.lengthscales) / gp.column_std(Z)
