@@ -105,6 +105,7 @@ class ControllerState:
     actuator: PartState
     corrector: PartState
     last_wrench: Wrench
+    last_f_hat: Any = None
     initialized: Scalar
 
 
@@ -191,6 +192,7 @@ class LeaderFollowerController:
             actuator=self.actuator_compensator.init(zero),
             corrector=None if self.residual_corrector is None else self.residual_corrector.init(self.team),
             last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            last_f_hat=zero_residual(self.team),
             initialized=jnp.zeros(()),
         )
         estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, clock)
@@ -223,7 +225,9 @@ class LeaderFollowerController:
             The command until the next control period, the next state, and intermediate results for the log.
         """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
-        estimate, estimator_state = self.estimator.update(self.team, state.estimator, measurement, applied, clock)
+        estimate, estimator_state = self.estimator.update(
+            self.team, state.estimator, measurement, applied, clock, state.last_f_hat
+        )
         setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
             team=self.team,
@@ -236,7 +240,7 @@ class LeaderFollowerController:
         )
         corrector = state.corrector
         if self.residual_corrector is not None:
-            observation = residual_correction.observe(self.residual_model, self.team, estimate)
+            observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
             correction, corrector = self.residual_corrector.update(corrector, observation, clock)
             context = dataclasses.replace(context, correction=correction)
         predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
@@ -251,6 +255,7 @@ class LeaderFollowerController:
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
+            last_f_hat=telemetry.f_hat,
             initialized=jnp.ones(()),
         )
         return command, state, telemetry

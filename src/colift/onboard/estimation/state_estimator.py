@@ -40,6 +40,7 @@ from colift.models.state import (
     ControlClock,
     PayloadState,
     TeamInputs,
+    zero_residual,
     flatten_agent_state,
     flatten_payload_state,
 )
@@ -269,12 +270,15 @@ class ComplementaryFilter:
         return _initial_state(team, measurement)
 
     def update(
-        self, team: Team, state: EstimatorState, measurement: Measurement, applied: TeamInputs, clock: ControlClock
+        self, team: Team, state: EstimatorState, measurement: Measurement, applied: TeamInputs, clock: ControlClock,
+        f_hat=None,
     ) -> tuple[StateEstimate, EstimatorState]:
         """Compute states, contact forces and filtered labels of one control period; see `Estimator`."""
         age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
         valid = (age <= self.max_reading_age + 1e-9).astype(float)
-        return _update(team, self.filters, state, measurement, applied, valid, clock.dt)
+        if f_hat is None:
+            f_hat = zero_residual(team)
+        return _update(team, self.filters, state, measurement, applied, valid, clock.dt, f_hat)
 
 
 def _initial_state(team: Team, measurement: Measurement) -> EstimatorState:
@@ -319,6 +323,7 @@ def _update(
     applied: TeamInputs,
     valid: Scalar,
     dt: Scalar,
+    f_hat,
 ) -> tuple[StateEstimate, EstimatorState]:
     """Advance all filters by one control period; `valid` is 1 if the tip readings give a label."""
     q = measurement.payload
@@ -331,12 +336,12 @@ def _update(
     interval = state.time_since_label + dt
     # Without a valid label the filters of labels and inputs hold their values.
     b = valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
-    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, None, None, None, None))
-    for group, agent_state, reading, u in zip(
-        team.agent_groups, state.agents, measurement.agents, applied, strict=True
+    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, None, None, None, None, 0, None))
+    for group, agent_state, reading, u, f_group in zip(
+        team.agent_groups, state.agents, measurement.agents, applied, f_hat.agents, strict=True
     ):
         estimate, lam, label, next_agent_state = update_agents(
-            group, filters, payload, agent_state, reading, u, team.gravity, state.initialized, b, dt
+            group, filters, payload, agent_state, reading, u, team.gravity, state.initialized, b, dt, jnp.concatenate([f_group.f_x, *jax.tree.leaves(f_group)[1:]], -1), valid
         )
         agents.append(next_agent_state)
         states.append(estimate)
@@ -355,11 +360,11 @@ def _update(
         bias=bias,
         omega=omega,
         modelled_wrench=modelled,
-        label=_filter_label(state.label, modelled - contact, b, state.initialized),
+        label=_filter_label(state.label, modelled - contact, smoothing_factor(filters.label, dt), state.initialized),
         inputs=_filter_label(
             state.inputs,
             flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot])),
-            b,
+            smoothing_factor(filters.label, dt),
             state.initialized,
         ),
         time_since_label=(1 - valid) * interval,
@@ -408,6 +413,8 @@ def _update_agent(
     initialized: Scalar,
     b_label: Scalar,
     dt: Scalar,
+    f_x,
+    valid,
 ) -> tuple[AgentState, Float[Array, "arms 3"], Float[Array, "outputs"], AgentFilterState]:
     """Compute state, contact forces and label (Eq. learning_output_components) of one agent, and its filter state."""
     measured = NavState(R=m.R, x=m.x, v=m.v)
@@ -454,4 +461,12 @@ def _update_agent(
         label=_filter_label(state.label, modelled + contact, b_label, initialized),
         inputs=_filter_label(state.inputs, flatten_agent_state(q), b_label, initialized),
     )
-    return q, lam, modelled + contact, next_state
+    arms = agent.tree.arms
+    rhs = f_x - modelled
+    J = p.J_tip.transpose(2, 0, 1).reshape(-1, 3 * arms)  # moments of contact forces in base axes
+    common = jnp.tile(base.R.T @ rhs[:3] / arms, arms)
+    P = jnp.eye(3 * arms) - jnp.tile(jnp.eye(3), (arms, arms)) / arms
+    B = J @ P
+    difference = P @ linalg.solve(B.T @ B + MIN_LEVER**2 * jnp.eye(3 * arms), B.T @ (rhs[3:] - J @ common)[:, None])[:, 0]
+    reconstructed = (common + difference).reshape(arms, 3) @ base.R.T
+    return q, valid * lam + (1 - valid) * reconstructed, modelled + contact, next_state

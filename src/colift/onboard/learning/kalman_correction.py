@@ -51,8 +51,8 @@ class LabelNoise:
     previous: Outputs
     block_sum: Outputs
     previous_block: Outputs
-    count: Scalar
-    labels: Scalar
+    count: Outputs
+    labels: Outputs
     allan_1: Outputs
     allan_block: Outputs
 
@@ -167,7 +167,7 @@ class ResidualKalmanFilter:
         """
         p = self._variance()
         z, zero = jnp.zeros_like(p), jnp.zeros(())
-        noise = LabelNoise(previous=z, block_sum=z, previous_block=z, count=zero, labels=zero, allan_1=z, allan_block=z)
+        noise = LabelNoise(previous=z, block_sum=z, previous_block=z, count=z, labels=z, allan_1=z, allan_block=z)
         return KalmanState(
             update_index=jnp.zeros((), int),
             prediction=z,
@@ -243,8 +243,8 @@ class ResidualKalmanFilter:
             model_weight=forces(jnp.ones_like(weight)),
             label=observation.label,
             prediction=observation.prediction,
-            label_valid=observation.valid,
-            nis=observation.valid * nis.mean(),
+            label_valid=flatten(observation.valid).min(),
+            nis=(flatten(observation.valid) * nis).mean(),
         )
         return correction, dataclasses.replace(next_state, update_index=observation.update_index)
 
@@ -262,19 +262,19 @@ class ResidualKalmanFilter:
         Returns:
             The next filter state and the normalized innovation squared of each output.
         """
-        y, valid = flatten(observation.label), observation.valid
+        y, valid, interval = (flatten(x) for x in (observation.label, observation.valid, observation.interval))
         noise = self._label_noise(state.label_noise, y, observation)
         b = initial_smoothing_factor(state.initialized, smoothing_factor(self.tip_bandwidth, dt))
         delayed = state.delayed + b * (f - state.delayed)
         corrected, nis = self._correct(state, y - delayed, valid, *self._noise_variances(noise, dt), dt)
-        average, d = valid * -jnp.expm1(-observation.interval / self.averaging_time), corrected.d
+        average, d = valid * -jnp.expm1(-interval / self.averaging_time), corrected.d
         next_state = dataclasses.replace(
             corrected,
             prediction=f,
             delayed=delayed,
             error_ms=state.error_ms + average * (d * d - state.error_ms),
             label_noise=noise,
-            initialized=jnp.maximum(state.initialized, valid),
+            initialized=jnp.ones(()),
         )
         return next_state, nis
 
@@ -284,7 +284,7 @@ class ResidualKalmanFilter:
         return jnp.maximum(R, self.min_noise_variance(dt)), Q
 
     def _correct(
-        self, state: KalmanState, y: Outputs, valid: Scalar, R: Outputs, Q: Outputs, dt: Scalar
+        self, state: KalmanState, y: Outputs, valid, R: Outputs, Q: Outputs, dt: Scalar
     ) -> tuple[KalmanState, Outputs]:
         """Predict error and covariances, and correct them by label minus prediction; return the state and the NIS."""
         d, v, P, (n, P_nn, P_dn, P_vn) = self._predict(state, dt)
@@ -326,19 +326,20 @@ class ResidualKalmanFilter:
 
     def _label_noise(self, of: LabelNoise, y: Outputs, observation: ResidualObservation) -> LabelNoise:
         """Advance the Allan variances by the label of this control period."""
-        valid, time = observation.valid, self.noise_averaging_time
+        valid, time = flatten(observation.valid), self.noise_averaging_time
+        interval = flatten(observation.interval)
         labels = of.labels + valid
 
-        def gain(elapsed: Scalar, number: Scalar) -> Scalar:  # of a mean that starts with the first value
+        def gain(elapsed, number):  # of a mean that starts with the first value
             return jnp.maximum(-jnp.expm1(-elapsed / time), 1 / jnp.maximum(number, 1.0))
 
         difference = y - of.previous
-        b = valid * (of.labels > 0).astype(float) * gain(observation.interval, labels - 1)
+        b = valid * (of.labels > 0).astype(float) * gain(interval, labels - 1)
         allan_1 = of.allan_1 + b * (0.5 * difference * difference - of.allan_1)
         total, count = of.block_sum + valid * y, of.count + valid
         full = (count >= BLOCK).astype(float)
         change = (total - of.previous_block) / BLOCK
-        b = full * (labels > BLOCK).astype(float) * gain(BLOCK * observation.interval, labels / BLOCK - 1)
+        b = full * (labels > BLOCK).astype(float) * gain(BLOCK * interval, labels / BLOCK - 1)
         allan_block = of.allan_block + b * (0.5 * BLOCK * change * change - of.allan_block)
         return LabelNoise(
             previous=jnp.where(valid > 0, y, of.previous),
@@ -474,7 +475,7 @@ class ForecastCombination:
         elapsed = state.forecast_time + clock.dt
         f_A = A.delayed + d_A + elapsed * v_A
         f_B = d_B + elapsed * v_B
-        average = observation.valid * -jnp.expm1(-observation.interval / self.averaging_time)
+        average = flatten(observation.valid) * -jnp.expm1(-flatten(observation.interval) / self.averaging_time)
         cross_moment = state.cross_moment + average * ((y - f_B) * (f_A - f_B) - state.cross_moment)
         second_moment = state.second_moment + average * ((f_A - f_B) ** 2 - state.second_moment)
         (weight, std_A), (_, std_B) = A.weight_and_std(), B.weight_and_std()

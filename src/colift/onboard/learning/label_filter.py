@@ -53,7 +53,7 @@ class LabelFilterState:
     previous: ResidualForces
     rate_ms: ResidualForces
     error_ms: ResidualForces
-    time_since_label: Scalar
+    time_since_label: ResidualForces
     initialized: Scalar
 
 
@@ -90,7 +90,7 @@ class LabelFilter:
             previous=none,
             rate_ms=none,
             error_ms=none,
-            time_since_label=jnp.ones(()),
+            time_since_label=jax.tree.map(jnp.ones_like, none),
             initialized=jnp.zeros(()),
         )
 
@@ -114,17 +114,22 @@ class LabelFilter:
         b = initial_smoothing_factor(state.initialized, smoothing_factor(self.filters.tip_force, dt))
         sensor_lowpass = _low_pass(plus(state.sensor_lowpass), f, b)
         # The filter does not change in periods without a label.
-        b = valid * irregular_smoothing_factor(smoothing_factor(self.filters.label, dt), interval / dt)
-        b = initial_smoothing_factor(state.initialized, b)
+        b = jax.tree.map(
+            lambda ok, T: initial_smoothing_factor(
+                state.initialized, ok * irregular_smoothing_factor(smoothing_factor(self.filters.label, dt), T / dt)
+            ),
+            valid,
+            interval,
+        )
         stage1 = _low_pass(plus(state.stage1), sensor_lowpass, b)
         stage2 = _low_pass(plus(state.stage2), stage1, b)
         error = jax.tree.map(jnp.subtract, observation.filtered_label, stage2)
         previous = jax.tree.map(
-            lambda now, before: jnp.where(valid > 0, now, before), minus(state.error), minus(state.previous)
+            lambda ok, now, before: jnp.where(ok > 0, now, before), valid, minus(state.error), minus(state.previous)
         )
-        elapsed = jnp.where(valid > 0, interval, state.time_since_label + dt)
-        rate = jax.tree.map(lambda now, before: state.initialized / elapsed * (now - before), error, previous)
-        average = state.initialized * valid * -jnp.expm1(-interval / self.averaging_time)
+        elapsed = jax.tree.map(lambda ok, T, since: jnp.where(ok > 0, T, since + dt), valid, interval, state.time_since_label)
+        rate = jax.tree.map(lambda T, now, before: state.initialized / T * (now - before), elapsed, error, previous)
+        average = jax.tree.map(lambda ok, T: state.initialized * ok * -jnp.expm1(-T / self.averaging_time), valid, interval)
         rate_ms, error_ms = (
             _low_pass(old, jax.tree.map(jnp.square, x), average)
             for old, x in ((state.rate_ms, rate), (state.error_ms, error))
@@ -142,9 +147,9 @@ class LabelFilter:
             time_since_label=elapsed,
             initialized=jnp.ones(()),
         )
-        delay = self.filters.label_delay() + (1 - valid) * interval
+        delay = jax.tree.map(lambda ok, T: self.filters.label_delay() + (1 - ok) * T, valid, interval)
         std = jax.tree.map(
-            lambda rate, error: jnp.sqrt(jnp.minimum(delay * delay * rate, 2 * error)), rate_ms, error_ms
+            lambda delay, rate, error: jnp.sqrt(jnp.minimum(delay * delay * rate, 2 * error)), delay, rate_ms, error_ms
         )
         correction = dataclasses.replace(
             zero_correction(observation.label, clock.t),
@@ -153,11 +158,13 @@ class LabelFilter:
             std=std,
             label=observation.label,
             prediction=f,
-            label_valid=valid,
+            label_valid=jnp.min(valid.agents[0].f_x),
         )
         return correction, next_state
 
 
-def _low_pass(state: ResidualForces, x: ResidualForces, b: Scalar) -> ResidualForces:
+def _low_pass(state: ResidualForces, x: ResidualForces, b) -> ResidualForces:
     """Advance a first-order low-pass filter with the smoothing factor b."""
-    return jax.tree.map(lambda old, new: old + b * (new - old), state, x)
+    if not isinstance(b, ResidualForces):
+        return jax.tree.map(lambda old, new: old + b * (new - old), state, x)
+    return jax.tree.map(lambda old, new, b: old + b * (new - old), state, x, b)

@@ -11,6 +11,7 @@ See Also:
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from typing import Any, Protocol, runtime_checkable
 
@@ -45,11 +46,11 @@ class ResidualObservation:
     filtered_label: ResidualForces
     prediction: ResidualForces
     update_index: Int[Array, ""]
-    valid: Scalar
-    interval: Scalar
+    valid: ResidualForces
+    interval: ResidualForces
 
 
-def observe(model: residual_model.ResidualModel, team: Team, estimate: StateEstimate) -> ResidualObservation:
+def observe(model: residual_model.ResidualModel, team: Team, estimate: StateEstimate, dt: Scalar) -> ResidualObservation:
     """Return label and prediction of a control period.
 
     Args:
@@ -73,9 +74,15 @@ def observe(model: residual_model.ResidualModel, team: Team, estimate: StateEsti
             model, estimate.payload, estimate.agents, estimate.a_L[:3] - team.gravity, estimate.a_L[3:]
         ),
         update_index=model.update_index,
-        valid=sample.valid,
-        interval=sample.sample_interval,
+        valid=_each(sample, sample.valid, jnp.ones(())),
+        interval=_each(sample, sample.sample_interval, dt),
     )
+
+
+def _each(sample, agents: Scalar, payload: Scalar) -> ResidualForces:
+    forces = _residual_forces(*sample.unfiltered)
+    full = lambda x, v: jax.tree.map(lambda y: jnp.zeros_like(y) + v, x)  # noqa: E731
+    return dataclasses.replace(forces, payload=full(forces.payload, payload), agents=full(forces.agents, agents))
 
 
 @pytree
