@@ -94,6 +94,7 @@ class ControllerState:
         actuator: State of the actuator compensator.
         corrector: State of the residual corrector; None without a corrector.
         last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
+        last_f_hat: Residual forces compensated in the previous control period.
         initialized: 0 before the first control period, 1 afterwards.
     """
 
@@ -105,7 +106,7 @@ class ControllerState:
     actuator: PartState
     corrector: PartState
     last_wrench: Wrench
-    last_f_hat: Any = None
+    last_f_hat: ResidualForces
     initialized: Scalar
 
 
@@ -195,7 +196,7 @@ class LeaderFollowerController:
             last_f_hat=zero_residual(self.team),
             initialized=jnp.zeros(()),
         )
-        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, clock)
+        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
         context = ControlContext(
             team=self.team,
             clock=clock,
@@ -226,7 +227,7 @@ class LeaderFollowerController:
         """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
         estimate, estimator_state = self.estimator.update(
-            self.team, state.estimator, measurement, applied, clock, state.last_f_hat
+            self.team, state.estimator, measurement, applied, state.last_f_hat, clock
         )
         setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
