@@ -45,11 +45,10 @@ MARGINAL_THRESHOLD = 1e-6  # rad/s, rounding error of a rate: that of |z| divide
 POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
-    r"|\.estimator\.time_since_label$|\.initialized$"
+    r"|\.(estimator|corrector)\.time_since_label$|\.initialized$|\.controller\.last_f_hat\b"
 )
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
-    r"\.corrector\.((with|without)_model\.)?(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise|initialized)"
-    r"|\.corrector\.(origin|forecast_time|cross_moment|second_moment)"
+    r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise)"
 )
 COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command in the loop state
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
@@ -375,7 +374,7 @@ def _undisturbed_loop(
     end, _ = simulator.rollout(experiment.loop_config, start, noise, jnp.asarray(1 + max_delay))
     corrector = getattr(end.controller, "corrector", None)
     filter_ = getattr(experiment.controller, "residual_corrector", None)
-    if isinstance(filter_, kalman_correction.ResidualKalmanFilter | kalman_correction.ForecastCombination):
+    if isinstance(filter_, kalman_correction.ResidualKalmanFilter):
         corrector = filter_.steady_state(corrector, experiment.loop_config.dt)
         end = dataclasses.replace(end, controller=dataclasses.replace(end.controller, corrector=corrector))
     return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
@@ -630,8 +629,8 @@ def _coordinates(x: LoopStateTree, y: LoopStateTree) -> Array:
 def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     """Select the states that influence the plant in later ticks.
 
-    Recorded data are excluded. Labels are excluded without a residual corrector, and their filters with Kalman filters,
-    which use labels before the filter.
+    Recorded data are excluded, with the label filters of training samples. Labels are excluded without a residual
+    corrector. The residuals compensated in the last period act only without tip readings; sensors are exact here.
 
     Args:
         loop: Loop state.
@@ -639,11 +638,8 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     Returns:
         The floating-point leaves by path.
     """
-    corrector = getattr(loop.controller, "corrector", None)
-    unused = [LABELS] if corrector is None else []
-    if isinstance(corrector, kalman_correction.KalmanState | kalman_correction.CombinationState):
-        unused = [LABEL_FILTERS]
-    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, *unused))
+    unused = LABELS if getattr(loop.controller, "corrector", None) is None else LABEL_FILTERS
+    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, unused))
     return {
         key: leaf
         for key, leaf in _leaves(loop)

@@ -23,7 +23,6 @@ CORRECTION = ("correction_L_", "correction_x")
 CORRECTOR = (
     "correction_std_",
     "correction_weight_",
-    "model_weight_",
     "correction_nis",
     "label_L",
     "label_x",

@@ -115,10 +115,6 @@ SIGNALS = {
     "correction_weight_x": SignalSpec(
         AGENT_VECTOR_DIMS, "1", "world", "applied share of the estimated error of the agent force model"
     ),
-    **_wrench("model_weight_L", ONE, "share of the payload model in the corrected prediction"),
-    "model_weight_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "1", "world", "share of the agent force model in the corrected prediction"
-    ),
     **_wrench("label_L", NEWTON, "label of the payload before the label filter"),
     "label_x": SignalSpec(
         AGENT_VECTOR_DIMS, "N", "world", "label of the residual force on an agent before the label filter"
@@ -127,7 +123,7 @@ SIGNALS = {
     "model_prediction_x": SignalSpec(
         AGENT_VECTOR_DIMS, "N", "world", "residual force on an agent predicted by the model without correction"
     ),
-    "label_valid": SignalSpec((), "1", "none", "1 in periods with a label, otherwise 0"),
+    "label_valid": SignalSpec((), "1", "none", "1 in periods with recent tip force readings, otherwise 0"),
     "correction_nis": SignalSpec((), "1", "none", "normalized innovation squared of the correction, mean of outputs"),
 }
 """Variables on the axis `time`: the signals of `StepRecord`, quaternions and base positions.

@@ -57,7 +57,7 @@ class StepRecord:
     thrust_saturated: Bool[Array, "*time agents"]  # True if the thrust is at its limit
     lam: Float[Array, "*time contacts 3"]  # N, contact forces on the payload, world
     lam_cmd: Float[Array, "*time contacts 3"]  # N, commanded contact forces, world
-    lam_hat: Float[Array, "*time contacts 3"]  # N, measured contact forces, world
+    lam_hat: Float[Array, "*time contacts 3"]  # N, contact forces as measured or reconstructed, world
     R_L_hat: Float[Array, "*time 3 3"]  # estimated payload attitude, payload to world
     W_d: Float[Array, "*time 6"]  # N world and N m payload frame, desired wrench
     delta_W: Float[Array, "*time 6"]  # N world and N m payload frame, wrench mismatch
@@ -80,14 +80,14 @@ class StepRecord:
     correction_std_x: Float[Array, "*time agents 3"] | None = None  # N, standard deviation of the agents
     correction_weight_L: Float[Array, "*time 6"] | None = None  # applied share of the estimated model error
     correction_weight_x: Float[Array, "*time agents 3"] | None = None  # applied share of the agents
-    model_weight_L: Float[Array, "*time 6"] | None = None  # share of the payload model in the prediction
-    model_weight_x: Float[Array, "*time agents 3"] | None = None  # share of the agent force model
     label_L: Float[Array, "*time 6"] | None = None  # N, N m, payload label before the label filter
     label_x: Float[Array, "*time agents 3"] | None = None  # N, labels of the agents before the label filter
     model_prediction_L: Float[Array, "*time 6"] | None = None  # N, N m, prediction without correction
     model_prediction_x: Float[Array, "*time agents 3"] | None = None  # N, prediction of the agents
-    label_valid: Float[Array, "*time"] | None = None  # 1 in periods with a label, otherwise 0
-    correction_nis: Float[Array, "*time"] | None = None  # normalized innovation squared, mean of the outputs
+    label_valid: Float[Array, "*time"] | None = None  # 1 in periods with recent tip readings, otherwise 0
+    correction_nis: Float[Array, "*time"] | None = (
+        None  # normalized innovation squared, mean of the outputs with a label
+    )
 
 
 def true_residual(
@@ -216,7 +216,6 @@ def _correction_signals(correction: residual_correction.ResidualCorrection) -> d
         "correction": correction.error,
         "correction_std": correction.std,
         "correction_weight": correction.weight,
-        "model_weight": correction.model_weight,
         "label": correction.label,
         "model_prediction": correction.prediction,
     }

@@ -94,6 +94,7 @@ class ControllerState:
         actuator: State of the actuator compensator.
         corrector: State of the residual corrector; None without a corrector.
         last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
+        last_f_hat: Residual forces compensated in the previous control period.
         initialized: 0 before the first control period, 1 afterwards.
     """
 
@@ -105,6 +106,7 @@ class ControllerState:
     actuator: PartState
     corrector: PartState
     last_wrench: Wrench
+    last_f_hat: ResidualForces
     initialized: Scalar
 
 
@@ -191,9 +193,10 @@ class LeaderFollowerController:
             actuator=self.actuator_compensator.init(zero),
             corrector=None if self.residual_corrector is None else self.residual_corrector.init(self.team),
             last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            last_f_hat=zero_residual(self.team),
             initialized=jnp.zeros(()),
         )
-        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, clock)
+        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
         context = ControlContext(
             team=self.team,
             clock=clock,
@@ -223,7 +226,9 @@ class LeaderFollowerController:
             The command until the next control period, the next state, and intermediate results for the log.
         """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
-        estimate, estimator_state = self.estimator.update(self.team, state.estimator, measurement, applied, clock)
+        estimate, estimator_state = self.estimator.update(
+            self.team, state.estimator, measurement, applied, state.last_f_hat, clock
+        )
         setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
             team=self.team,
@@ -236,7 +241,7 @@ class LeaderFollowerController:
         )
         corrector = state.corrector
         if self.residual_corrector is not None:
-            observation = residual_correction.observe(self.residual_model, self.team, estimate)
+            observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
             correction, corrector = self.residual_corrector.update(corrector, observation, clock)
             context = dataclasses.replace(context, correction=correction)
         predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
@@ -251,6 +256,7 @@ class LeaderFollowerController:
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
+            last_f_hat=telemetry.f_hat,
             initialized=jnp.ones(()),
         )
         return command, state, telemetry

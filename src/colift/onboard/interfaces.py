@@ -248,7 +248,13 @@ class Estimator(Protocol):
         ...
 
     def update(
-        self, team: Team, state: PartState, measurement: Measurement, applied: TeamInputs, clock: ControlClock
+        self,
+        team: Team,
+        state: PartState,
+        measurement: Measurement,
+        applied: TeamInputs,
+        f_hat: ResidualForces,
+        clock: ControlClock,
     ) -> tuple[StateEstimate, PartState]:
         """Update the estimate with the readings of one control period.
 
@@ -258,6 +264,8 @@ class Estimator(Protocol):
             measurement: Readings of this control period.
             applied: Inputs in effect since the previous control period: thrust [N], body torque [N m, body frame],
                 joint torques or forces [N m or N].
+            f_hat: Residual forces compensated in the previous control period; zero before the first one. They replace
+                tip force readings that are missing.
             clock: Time and control period [s].
 
         Returns:

@@ -231,9 +231,8 @@ def with_residual_corrector(
         for group in label_loop_gains(settings, base.team)
     )
     predictor = residual_predictors.CorrectedResidual(base=base.residual_predictor, rate_attenuation=attenuation)
-    if isinstance(corrector, kalman_correction.ForecastCombination):  # its error lags by the tip sensors only
-        tip_bandwidth = corrector.with_model.tip_bandwidth
-        predictor = dataclasses.replace(predictor, lead_time=1 / (2 * jnp.pi * tip_bandwidth))
+    if isinstance(corrector, kalman_correction.ResidualKalmanFilter):  # its error lags by the tip sensors only
+        predictor = dataclasses.replace(predictor, lead_time=1 / (2 * jnp.pi * corrector.tip_bandwidth))
     return dataclasses.replace(base, residual_corrector=corrector, residual_predictor=predictor)
 
 
@@ -242,22 +241,20 @@ def label_low_pass(settings: schema.Scenario) -> label_filter.LabelFilter:
     return label_filter.LabelFilter(filters=_filters(settings))
 
 
-ERROR_STD_FACTOR, RESIDUAL_STD_FACTOR = 2.0, 4.0
-"""Standard deviation of the error of a residual model relative to the prior of the residual.
+ERROR_STD_FACTOR = 4.0
+"""Standard deviation of the error of the residual model relative to the prior of the residual.
 
 Chosen by replay of logged labels, on random conditions of seed 7119 and random environments of seed 77: factors from 4
 to 8 give equal errors within 5 %, and 2 reacts more slowly.
 """
 
 
-def residual_kalman_filter(
-    settings: schema.Scenario, team: Team, std_factor: float
-) -> kalman_correction.ResidualKalmanFilter:
+def residual_kalman_filter(settings: schema.Scenario, team: Team) -> kalman_correction.ResidualKalmanFilter:
     """Return the Kalman filter of the model error, with standard deviations relative to the priors of the residual."""
     given = settings.learning
     payload, agents = given.payload.signal_std, given.agents.signal_std
     std = jax.tree.map(jnp.ones_like, zero_residual(team))
-    scaled = lambda x, factor: std_factor * factor * x  # noqa: E731
+    scaled = lambda x, prior: ERROR_STD_FACTOR * prior * x  # noqa: E731
     return kalman_correction.ResidualKalmanFilter(
         std=ResidualForces(
             payload=Wrench(F=scaled(std.payload.F, payload.force_N), tau=scaled(std.payload.tau, payload.moment_Nm)),
@@ -271,14 +268,6 @@ def residual_kalman_filter(
             ),
         ),
         tip_bandwidth=array(settings.sensors.tip_force_bandwidth_Hz),
-    )
-
-
-def forecast_combination(settings: schema.Scenario, team: Team) -> kalman_correction.ForecastCombination:
-    """Return the average of corrected predictions with and without the residual model."""
-    return kalman_correction.ForecastCombination(
-        with_model=residual_kalman_filter(settings, team, ERROR_STD_FACTOR),
-        without_model=residual_kalman_filter(settings, team, RESIDUAL_STD_FACTOR),
     )
 
 

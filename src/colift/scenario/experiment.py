@@ -193,7 +193,7 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
             corrector = controllers.label_low_pass(settings)
             controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
         case "adaptive":
-            corrector = controllers.forecast_combination(settings, controller.team)
+            corrector = controllers.residual_kalman_filter(settings, controller.team)
             controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
     experiment = dataclasses.replace(
         c1,

@@ -1,4 +1,4 @@
-"""Kalman filters of the error of a residual model, and the combination of their forecasts.
+"""Kalman filter of the error of a residual model.
 
 See Also:
     colift.onboard.learning.residual_correction: observations, corrections and the protocol.
@@ -16,7 +16,7 @@ from jaxtyping import Array, Int
 from colift.math.filters import initial_smoothing_factor, smoothing_factor
 from colift.math.pytree import constant, pytree
 from colift.models.parameters import Team
-from colift.models.state import ControlClock, ResidualForces, zero_residual
+from colift.models.state import ControlClock, ResidualForces
 from colift.onboard.learning.residual_correction import (
     Outputs,
     ResidualCorrection,
@@ -51,8 +51,8 @@ class LabelNoise:
     previous: Outputs
     block_sum: Outputs
     previous_block: Outputs
-    count: Scalar
-    labels: Scalar
+    count: Outputs
+    labels: Outputs
     allan_1: Outputs
     allan_block: Outputs
 
@@ -85,7 +85,7 @@ class KalmanState:
         noise: Estimated differenced noise ``n`` of the last label, its variance, and its covariances with d and v.
         error_ms: Mean square of the model error over the averaging time [N^2, (N m)^2].
         label_noise: Moments of the labels.
-        initialized: 0 before the first label, 1 afterwards.
+        initialized: 0 before the first control period, 1 afterwards.
     """
 
     update_index: Int[Array, ""]
@@ -100,13 +100,10 @@ class KalmanState:
     label_noise: LabelNoise
     initialized: Scalar
 
-    def lost_variance(self) -> Outputs:
-        """Return the variance that the error has gained since the last label [N^2, (N m)^2]."""
-        return jnp.maximum(self.P[0] - self.P_label, 0.0)
-
     def weight_and_std(self) -> tuple[Outputs, Outputs]:
         """Return the applied share of the error, and the standard deviation of the corrected prediction."""
-        weight = (self.error_ms + TINY) / (self.error_ms + self.lost_variance() + TINY)
+        gained = jnp.maximum(self.P[0] - self.P_label, 0.0)  # variance, since the last label
+        weight = (self.error_ms + TINY) / (self.error_ms + gained + TINY)
         return weight, jnp.sqrt(self.P_label + (1 - weight) * self.error_ms)
 
 
@@ -125,9 +122,10 @@ class ResidualKalmanFilter:
     limits the bandwidth of the feedback from labels to commands: with R alone, the steady-state filter has the corner
     frequency ``(4 lambda^3 sigma^2 / (R dt))^(1/4)`` [rad/s].
 
-    Without labels the variance of d grows from its value ``P_0`` at the last label. The prediction without the
-    correction has the mean square error ``E``. The correction is weighted by ``w = E / (E + P - P_0)``, which minimizes
-    the variance of the sum. When the model is replaced, d is offset by the difference of the two predictions.
+    Each output has its own labels. Without labels the variance of d grows from its value ``P_0`` at the last label. The
+    prediction without the correction has the mean square error ``E``. The correction is weighted by
+    ``w = E / (E + P - P_0)``, which minimizes the variance of the sum. When the model is replaced, d is offset by the
+    difference of the two predictions.
 
     Attributes:
         std: Standard deviation ``sigma`` of the model error [N, N m].
@@ -166,8 +164,8 @@ class ResidualKalmanFilter:
             The stationary distribution of the error.
         """
         p = self._variance()
-        z, zero = jnp.zeros_like(p), jnp.zeros(())
-        noise = LabelNoise(previous=z, block_sum=z, previous_block=z, count=zero, labels=zero, allan_1=z, allan_block=z)
+        z = jnp.zeros_like(p)
+        noise = LabelNoise(previous=z, block_sum=z, previous_block=z, count=z, labels=z, allan_1=z, allan_block=z)
         return KalmanState(
             update_index=jnp.zeros((), int),
             prediction=z,
@@ -179,7 +177,7 @@ class ResidualKalmanFilter:
             noise=(z, z, z, z),
             error_ms=z,
             label_noise=noise,
-            initialized=zero,
+            initialized=jnp.zeros(()),
         )
 
     def _variance(self) -> Outputs:
@@ -210,7 +208,7 @@ class ResidualKalmanFilter:
 
         def advance(_: Int[Array, ""], current: KalmanState) -> KalmanState:
             R, Q = self._noise_variances(state.label_noise, dt)
-            return self._correct(current, zero, jnp.ones(()), R, Q, dt)[0]
+            return self._correct(current, zero, jnp.ones_like(zero), R, Q, dt)[0]
 
         end = jax.lax.fori_loop(0, SETTLING_PERIODS, advance, state)
         n = state.noise[0]
@@ -229,7 +227,7 @@ class ResidualKalmanFilter:
         Returns:
             The correction and the next filter state.
         """
-        f = flatten(observation.prediction)
+        f, valid = flatten(observation.prediction), flatten(observation.label_valid)
         state = transfer_to_model(state, f, observation.update_index)
         next_state, nis = self.filter(state, f, observation, clock.dt)
         weight, std = next_state.weight_and_std()
@@ -240,11 +238,10 @@ class ResidualKalmanFilter:
             rate=forces(weight * next_state.v),
             std=forces(std),
             weight=forces(weight),
-            model_weight=forces(jnp.ones_like(weight)),
             label=observation.label,
             prediction=observation.prediction,
-            label_valid=observation.valid,
-            nis=observation.valid * nis.mean(),
+            label_valid=valid.min(),
+            nis=(valid * nis).sum() / jnp.maximum(valid.sum(), 1.0),
         )
         return correction, dataclasses.replace(next_state, update_index=observation.update_index)
 
@@ -255,26 +252,26 @@ class ResidualKalmanFilter:
 
         Args:
             state: Filter state of the previous control period.
-            f: Prediction to which the filtered error is relative [N, N m]; zero for the residual itself.
+            f: Prediction of the residual model [N, N m].
             observation: Label of this control period.
             dt: Control period [s].
 
         Returns:
             The next filter state and the normalized innovation squared of each output.
         """
-        y, valid = flatten(observation.label), observation.valid
-        noise = self._label_noise(state.label_noise, y, observation)
+        y, valid, interval = (flatten(x) for x in (observation.label, observation.label_valid, observation.interval))
+        noise = self._label_noise(state.label_noise, y, valid, interval)
         b = initial_smoothing_factor(state.initialized, smoothing_factor(self.tip_bandwidth, dt))
         delayed = state.delayed + b * (f - state.delayed)
         corrected, nis = self._correct(state, y - delayed, valid, *self._noise_variances(noise, dt), dt)
-        average, d = valid * -jnp.expm1(-observation.interval / self.averaging_time), corrected.d
+        average, d = valid * -jnp.expm1(-interval / self.averaging_time), corrected.d
         next_state = dataclasses.replace(
             corrected,
             prediction=f,
             delayed=delayed,
             error_ms=state.error_ms + average * (d * d - state.error_ms),
             label_noise=noise,
-            initialized=jnp.maximum(state.initialized, valid),
+            initialized=jnp.ones(()),
         )
         return next_state, nis
 
@@ -284,7 +281,7 @@ class ResidualKalmanFilter:
         return jnp.maximum(R, self.min_noise_variance(dt)), Q
 
     def _correct(
-        self, state: KalmanState, y: Outputs, valid: Scalar, R: Outputs, Q: Outputs, dt: Scalar
+        self, state: KalmanState, y: Outputs, valid: Outputs, R: Outputs, Q: Outputs, dt: Scalar
     ) -> tuple[KalmanState, Outputs]:
         """Predict error and covariances, and correct them by label minus prediction; return the state and the NIS."""
         d, v, P, (n, P_nn, P_dn, P_vn) = self._predict(state, dt)
@@ -324,21 +321,20 @@ class ResidualKalmanFilter:
             (n, P_nn, a * P_dn + b * P_vn, c * P_dn + g * P_vn),
         )
 
-    def _label_noise(self, of: LabelNoise, y: Outputs, observation: ResidualObservation) -> LabelNoise:
+    def _label_noise(self, of: LabelNoise, y: Outputs, valid: Outputs, interval: Outputs) -> LabelNoise:
         """Advance the Allan variances by the label of this control period."""
-        valid, time = observation.valid, self.noise_averaging_time
         labels = of.labels + valid
 
-        def gain(elapsed: Scalar, number: Scalar) -> Scalar:  # of a mean that starts with the first value
-            return jnp.maximum(-jnp.expm1(-elapsed / time), 1 / jnp.maximum(number, 1.0))
+        def gain(elapsed: Outputs, number: Outputs) -> Outputs:  # of a mean that starts with the first value
+            return jnp.maximum(-jnp.expm1(-elapsed / self.noise_averaging_time), 1 / jnp.maximum(number, 1.0))
 
         difference = y - of.previous
-        b = valid * (of.labels > 0).astype(float) * gain(observation.interval, labels - 1)
+        b = valid * (of.labels > 0).astype(float) * gain(interval, labels - 1)
         allan_1 = of.allan_1 + b * (0.5 * difference * difference - of.allan_1)
         total, count = of.block_sum + valid * y, of.count + valid
         full = (count >= BLOCK).astype(float)
         change = (total - of.previous_block) / BLOCK
-        b = full * (labels > BLOCK).astype(float) * gain(BLOCK * observation.interval, labels / BLOCK - 1)
+        b = full * (labels > BLOCK).astype(float) * gain(BLOCK * interval, labels / BLOCK - 1)
         allan_block = of.allan_block + b * (0.5 * BLOCK * change * change - of.allan_block)
         return LabelNoise(
             previous=jnp.where(valid > 0, y, of.previous),
@@ -351,158 +347,8 @@ class ResidualKalmanFilter:
         )
 
 
-def step_of_model(state: KalmanState, f: Outputs, update_index: Int[Array, ""]) -> Outputs:
-    """Return the step of the prediction in the control period in which the model is replaced, otherwise zero."""
-    return jnp.where((update_index != state.update_index) & (state.initialized > 0), f - state.prediction, 0.0)
-
-
 def transfer_to_model(state: KalmanState, f: Outputs, update_index: Int[Array, ""]) -> KalmanState:
     """Offset the error by the step of the prediction when the model is replaced (bumpless transfer)."""
-    step = step_of_model(state, f, update_index)
+    replaced = (update_index != state.update_index) & (state.initialized > 0)
+    step = jnp.where(replaced, f - state.prediction, 0.0)
     return dataclasses.replace(state, delayed=state.delayed + step, d=state.d - step)
-
-
-@pytree
-class CombinationState:
-    """State of `ForecastCombination` between two control periods.
-
-    Attributes:
-        with_model: Kalman filter of the error of the residual model.
-        without_model: Kalman filter of the residual.
-        origin: Values and rates of both filters at the start of the forecasts: ``d_A``, ``v_A``, ``d_B``, ``v_B``.
-        forecast_time: Time since the start of the forecasts [s].
-        cross_moment: Mean of ``(y - f_B) (f_A - f_B)`` over the averaging time [N^2, (N m)^2].
-        second_moment: Mean of ``(f_A - f_B)^2`` [N^2, (N m)^2].
-    """
-
-    with_model: KalmanState
-    without_model: KalmanState
-    origin: tuple[Outputs, Outputs, Outputs, Outputs]
-    forecast_time: Scalar
-    cross_moment: Outputs
-    second_moment: Outputs
-
-
-@pytree
-class ForecastCombination:
-    """Combination of two forecasts of the labels, with and without the residual model.
-
-    Filter A estimates the error of the residual model, filter B the residual itself. Every ``horizon`` both forecast
-    the labels: ``f_A = F f_hat + d_A`` and ``f_B = d_B``. The share of A minimizes the mean square of
-    ``y - w f_A - (1 - w) f_B`` over the averaging time (Granger and Ramanathan 1984):
-
-        w = (<(y - f_B)^T (f_A - f_B)> + L_B) / (<|f_A - f_B|^2> + L_A + L_B)
-
-    within [0, 1]. The components of a vector have one share. ``L_A`` and ``L_B`` are the variances that the estimates
-    have gained since the last label; without labels they return the prediction to the model.
-
-    Attributes:
-        with_model: Kalman filter of the error of the residual model.
-        without_model: Kalman filter of the residual, without the model.
-        horizon: Longest duration of a forecast [s].
-        averaging_time: Time constant of the means [s].
-
-    Example:
-        ::
-
-            corrector = ForecastCombination(with_model=slow, without_model=fast)
-            state = corrector.init(team)
-            correction, state = corrector.update(state, observation, clock)
-
-    References:
-        Bates, Granger, *The combination of forecasts*, 1969. Granger, Ramanathan, *Improved methods of combining
-        forecasts*, 1984.
-    """
-
-    with_model: ResidualKalmanFilter
-    without_model: ResidualKalmanFilter
-    horizon: Scalar = constant(0.1)
-    averaging_time: Scalar = constant(1.0)
-
-    def init(self, team: Team) -> CombinationState:
-        """Return the state before the first control period.
-
-        Args:
-            team: Nominal parameters.
-        """
-        z = jnp.zeros_like(flatten(zero_residual(team)))
-        return CombinationState(
-            with_model=self.with_model.init(team),
-            without_model=self.without_model.init(team),
-            origin=(z, z, z, z),
-            forecast_time=jnp.zeros(()),
-            cross_moment=z,
-            second_moment=z,
-        )
-
-    def steady_state(self, state: CombinationState, dt: Scalar) -> CombinationState:
-        """Return the state with steady-state covariances and the whole share for the filter without the model.
-
-        Args:
-            state: State of the combination.
-            dt: Control period [s].
-
-        Returns:
-            The state. The loop is linearized with this filter, whose bandwidth is larger.
-        """
-        return dataclasses.replace(
-            state,
-            with_model=self.with_model.steady_state(state.with_model, dt),
-            without_model=self.without_model.steady_state(state.without_model, dt),
-            cross_moment=jnp.zeros_like(state.cross_moment),
-            second_moment=jnp.ones_like(state.second_moment),
-        )
-
-    def update(
-        self, state: CombinationState, observation: ResidualObservation, clock: ControlClock
-    ) -> tuple[ResidualCorrection, CombinationState]:
-        """Advance both filters and the share of the model by one control period.
-
-        Args:
-            state: State of the previous control period.
-            observation: Label and prediction of this control period.
-            clock: Time and period [s].
-
-        Returns:
-            The correction and the next state.
-        """
-        y, f = flatten(observation.label), flatten(observation.prediction)
-        correction, A = self.with_model.update(state.with_model, observation, clock)
-        B, _ = self.without_model.filter(state.without_model, jnp.zeros_like(f), observation, clock.dt)
-        d_A, v_A, d_B, v_B = state.origin
-        d_A = d_A - step_of_model(state.with_model, f, observation.update_index)
-        elapsed = state.forecast_time + clock.dt
-        f_A = A.delayed + d_A + elapsed * v_A
-        f_B = d_B + elapsed * v_B
-        average = observation.valid * -jnp.expm1(-observation.interval / self.averaging_time)
-        cross_moment = state.cross_moment + average * ((y - f_B) * (f_A - f_B) - state.cross_moment)
-        second_moment = state.second_moment + average * ((f_A - f_B) ** 2 - state.second_moment)
-        (weight, std_A), (_, std_B) = A.weight_and_std(), B.weight_and_std()
-        L_A, L_B = weight * A.lost_variance(), B.lost_variance() + TINY
-        forces = lambda x: unflatten(x, observation.label)  # noqa: E731
-        means = lambda x: _vector_means(forces(x))  # noqa: E731
-        w = jnp.clip(means(cross_moment + L_B) / means(second_moment + L_A + L_B), 0.0, 1.0)
-        restart = elapsed >= self.horizon
-        begin = lambda new, old: jnp.where(restart, new, old)  # noqa: E731
-        next_state = CombinationState(
-            with_model=A,
-            without_model=B,
-            origin=(begin(A.d, d_A), begin(A.v, v_A), begin(B.d, d_B), begin(B.v, v_B)),
-            forecast_time=jnp.where(restart, 0.0, elapsed),
-            cross_moment=cross_moment,
-            second_moment=second_moment,
-        )
-        combined = dataclasses.replace(
-            correction,
-            error=forces(w * weight * A.d + (1 - w) * B.d),
-            rate=forces(w * weight * A.v + (1 - w) * B.v),
-            std=forces(w * std_A + (1 - w) * std_B),
-            model_weight=forces(w),
-        )
-        return combined, next_state
-
-
-def _vector_means(forces: ResidualForces) -> Outputs:
-    """Return the mean over the components of each vector, in the place of each component."""
-    mean = lambda leaf: jnp.broadcast_to(leaf.mean(-1, keepdims=True), leaf.shape) if leaf.size else leaf  # noqa: E731
-    return flatten(jax.tree.map(mean, forces))

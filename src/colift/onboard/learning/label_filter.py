@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from colift.math.filters import initial_smoothing_factor, irregular_smoothing_factor, smoothing_factor
 from colift.math.pytree import constant, pytree
 from colift.models.parameters import Team
-from colift.models.state import ControlClock, ResidualForces, zero_residual
+from colift.models.state import ControlClock, zero_residual
 from colift.onboard.estimation.state_estimator import FilterBandwidths
 from colift.onboard.learning.residual_correction import (
+    Outputs,
     ResidualCorrection,
     ResidualObservation,
     Scalar,
+    flatten,
+    unflatten,
     zero_correction,
 )
 
@@ -33,11 +35,10 @@ class LabelFilterState:
     Attributes:
         update_index: Index of the model update whose model was in use.
         prediction: Prediction of the residual model [N, N m].
-        sensor_lowpass: Prediction behind the first-order lag of the tip force sensors.
-        stage1: Prediction behind that lag and the first stage of the label filter.
-        stage2: Prediction behind that lag and the whole label filter.
-        error: Filtered label minus filtered prediction.
-        previous: Error at the last label.
+        sensor_lowpass: Prediction behind the first-order lag of the tip force sensors [N, N m].
+        stage1: Label minus that prediction, behind the first stage of the label filter [N, N m].
+        error: Label minus that prediction, behind the whole label filter [N, N m].
+        previous: Error at the last label [N, N m].
         rate_ms: Mean square of the rate over the averaging time [(N/s)^2, (N m/s)^2].
         error_ms: Mean square of the error over the averaging time [N^2, (N m)^2].
         time_since_label: Time since the last label [s].
@@ -45,21 +46,20 @@ class LabelFilterState:
     """
 
     update_index: Int[Array, ""]
-    prediction: ResidualForces
-    sensor_lowpass: ResidualForces
-    stage1: ResidualForces
-    stage2: ResidualForces
-    error: ResidualForces
-    previous: ResidualForces
-    rate_ms: ResidualForces
-    error_ms: ResidualForces
-    time_since_label: Scalar
+    prediction: Outputs
+    sensor_lowpass: Outputs
+    stage1: Outputs
+    error: Outputs
+    previous: Outputs
+    rate_ms: Outputs
+    error_ms: Outputs
+    time_since_label: Outputs
     initialized: Scalar
 
 
 @pytree
 class LabelFilter:
-    """Difference of filtered label and filtered prediction, ``F y - F f_hat``, with its rate.
+    """Label minus prediction behind the label filter, ``F y - F f_hat``, with its rate.
 
     The correction is held constant without labels. Its error is the change of the model error over the delay ``D`` of
     the label filter and the age ``a`` of the last label. With mean squares over the averaging time, the variance is
@@ -79,18 +79,17 @@ class LabelFilter:
         Args:
             team: Nominal parameters.
         """
-        none = zero_residual(team)
+        none = jnp.zeros_like(flatten(zero_residual(team)))
         return LabelFilterState(
             update_index=jnp.zeros((), int),
             prediction=none,
             sensor_lowpass=none,
             stage1=none,
-            stage2=none,
             error=none,
             previous=none,
             rate_ms=none,
             error_ms=none,
-            time_since_label=jnp.ones(()),
+            time_since_label=jnp.ones_like(none),
             initialized=jnp.zeros(()),
         )
 
@@ -107,57 +106,47 @@ class LabelFilter:
         Returns:
             The correction and the next filter state.
         """
-        valid, interval, f, dt = observation.valid, observation.interval, observation.prediction, clock.dt
+        f, dt = flatten(observation.prediction), clock.dt
+        y, valid, interval = (flatten(x) for x in (observation.label, observation.label_valid, observation.interval))
         replaced = (observation.update_index != state.update_index) & (state.initialized > 0)
-        step = jax.tree.map(lambda new, old: jnp.where(replaced, new - old, 0.0), f, state.prediction)
-        plus, minus = (lambda x: jax.tree.map(jnp.add, x, step)), (lambda x: jax.tree.map(jnp.subtract, x, step))
+        step = jnp.where(replaced, f - state.prediction, 0.0)
         b = initial_smoothing_factor(state.initialized, smoothing_factor(self.filters.tip_force, dt))
-        sensor_lowpass = _low_pass(plus(state.sensor_lowpass), f, b)
+        sensor_lowpass = _low_pass(state.sensor_lowpass + step, f, b)
         # The filter does not change in periods without a label.
         b = valid * irregular_smoothing_factor(smoothing_factor(self.filters.label, dt), interval / dt)
         b = initial_smoothing_factor(state.initialized, b)
-        stage1 = _low_pass(plus(state.stage1), sensor_lowpass, b)
-        stage2 = _low_pass(plus(state.stage2), stage1, b)
-        error = jax.tree.map(jnp.subtract, observation.filtered_label, stage2)
-        previous = jax.tree.map(
-            lambda now, before: jnp.where(valid > 0, now, before), minus(state.error), minus(state.previous)
-        )
+        stage1 = _low_pass(state.stage1 - step, y - sensor_lowpass, b)
+        error = _low_pass(state.error - step, stage1, b)
+        previous = jnp.where(valid > 0, state.error, state.previous) - step
         elapsed = jnp.where(valid > 0, interval, state.time_since_label + dt)
-        rate = jax.tree.map(lambda now, before: state.initialized / elapsed * (now - before), error, previous)
+        rate = state.initialized / elapsed * (error - previous)
         average = state.initialized * valid * -jnp.expm1(-interval / self.averaging_time)
-        rate_ms, error_ms = (
-            _low_pass(old, jax.tree.map(jnp.square, x), average)
-            for old, x in ((state.rate_ms, rate), (state.error_ms, error))
-        )
         next_state = LabelFilterState(
             update_index=observation.update_index,
             prediction=f,
             sensor_lowpass=sensor_lowpass,
             stage1=stage1,
-            stage2=stage2,
             error=error,
             previous=previous,
-            rate_ms=rate_ms,
-            error_ms=error_ms,
+            rate_ms=_low_pass(state.rate_ms, rate * rate, average),
+            error_ms=_low_pass(state.error_ms, error * error, average),
             time_since_label=elapsed,
             initialized=jnp.ones(()),
         )
         delay = self.filters.label_delay() + (1 - valid) * interval
-        std = jax.tree.map(
-            lambda rate, error: jnp.sqrt(jnp.minimum(delay * delay * rate, 2 * error)), rate_ms, error_ms
-        )
+        std = jnp.sqrt(jnp.minimum(delay * delay * next_state.rate_ms, 2 * next_state.error_ms))
         correction = dataclasses.replace(
             zero_correction(observation.label, clock.t),
-            error=error,
-            rate=rate,
-            std=std,
+            error=unflatten(error, observation.label),
+            rate=unflatten(rate, observation.label),
+            std=unflatten(std, observation.label),
             label=observation.label,
-            prediction=f,
-            label_valid=valid,
+            prediction=observation.prediction,
+            label_valid=valid.min(),
         )
         return correction, next_state
 
 
-def _low_pass(state: ResidualForces, x: ResidualForces, b: Scalar) -> ResidualForces:
+def _low_pass(state: Outputs, x: Outputs, b: Float[Array, "*shape"]) -> Outputs:
     """Advance a first-order low-pass filter with the smoothing factor b."""
-    return jax.tree.map(lambda old, new: old + b * (new - old), state, x)
+    return state + b * (x - state)

@@ -34,28 +34,30 @@ class ResidualObservation:
 
     Attributes:
         label: Label before the label filter [N, N m].
-        filtered_label: Label behind the label filter [N, N m].
         prediction: Prediction of the residual model at the estimated state and acceleration [N, N m].
         update_index: Index of the model update whose model predicts.
-        valid: 1 if this control period has a label, 0 otherwise; then the labels are held.
-        interval: Time since the previous valid label [s].
+        label_valid: 1 for outputs that have a label in this control period, 0 otherwise. Agents have labels in periods
+            with tip readings, the payload in every period.
+        interval: Time since the previous label of the output [s].
     """
 
     label: ResidualForces
-    filtered_label: ResidualForces
     prediction: ResidualForces
     update_index: Int[Array, ""]
-    valid: Scalar
-    interval: Scalar
+    label_valid: ResidualForces
+    interval: ResidualForces
 
 
-def observe(model: residual_model.ResidualModel, team: Team, estimate: StateEstimate) -> ResidualObservation:
+def observe(
+    model: residual_model.ResidualModel, team: Team, estimate: StateEstimate, dt: Scalar
+) -> ResidualObservation:
     """Return label and prediction of a control period.
 
     Args:
         model: Residual model in use.
         team: Nominal parameters.
         estimate: State estimate with labels.
+        dt: Control period [s].
 
     Returns:
         The observation.
@@ -66,33 +68,49 @@ def observe(model: residual_model.ResidualModel, team: Team, estimate: StateEsti
     sample = estimate.sample
     if sample is None:
         raise ValueError("the state estimator provides no labels; a residual corrector requires labels")
+    payload, agents = sample.unfiltered
+    label = ResidualForces(
+        payload=Wrench(F=payload[:3], tau=payload[3:]), agents=tuple(split_agent_force(y) for y in agents)
+    )
     return ResidualObservation(
-        label=_residual_forces(*sample.unfiltered),
-        filtered_label=_residual_forces(sample.payload[1], tuple(y for _, y in sample.agents)),
+        label=label,
         prediction=residual_model.predict(
             model, estimate.payload, estimate.agents, estimate.a_L[:3] - team.gravity, estimate.a_L[3:]
         ),
         update_index=model.update_index,
-        valid=sample.valid,
-        interval=sample.sample_interval,
+        label_valid=by_body(label, jnp.ones(()), sample.valid),
+        interval=by_body(label, dt, sample.sample_interval),
+    )
+
+
+def by_body(like: ResidualForces, payload: Scalar, agents: Scalar) -> ResidualForces:
+    """Return one value for all outputs of the payload and another one for those of the agents.
+
+    Args:
+        like: Residual forces of the same structure.
+        payload: Value of the payload.
+        agents: Value of the agents.
+    """
+    return ResidualForces(
+        payload=jax.tree.map(lambda x: jnp.full_like(x, payload), like.payload),
+        agents=jax.tree.map(lambda x: jnp.full_like(x, agents), like.agents),
     )
 
 
 @pytree
 class ResidualCorrection:
-    """Correction of the residual model in one control period: ``f = s f_hat + d + h v`` after a time ``h``.
+    """Correction of the residual model in one control period: ``f = f_hat + d + h v`` after a time ``h``.
 
     Attributes:
         t: Time of the control period [s].
-        error: Correction ``d`` [N, N m]: the estimated error of the model if its share is one.
+        error: Correction ``d`` [N, N m]: the applied share of the estimated error of the model.
         rate: Rate ``v`` of the correction [N/s, N m/s].
         std: Standard deviation of the corrected prediction [N, N m].
         weight: Share of the estimated error that is applied, in [0, 1]: 1 with labels, decays without.
-        model_weight: Share ``s`` of the residual model in the corrected prediction, in [0, 1].
         label: Label before the label filter [N, N m].
         prediction: Prediction of the residual model [N, N m].
-        label_valid: 1 if this control period has a label, 0 otherwise.
-        nis: Normalized innovation squared, averaged over the outputs; its mean is 1 for correct variances.
+        label_valid: 1 if all outputs have a label in this control period, 0 otherwise.
+        nis: Normalized innovation squared, averaged over the outputs with a label; its mean is 1 for correct variances.
     """
 
     t: Scalar
@@ -100,7 +118,6 @@ class ResidualCorrection:
     rate: ResidualForces
     std: ResidualForces
     weight: ResidualForces
-    model_weight: ResidualForces
     label: ResidualForces
     prediction: ResidualForces
     label_valid: Scalar
@@ -124,7 +141,6 @@ def zero_correction(like: ResidualForces, t: Scalar) -> ResidualCorrection:
         rate=none,
         std=none,
         weight=jax.tree.map(jnp.ones_like, none),
-        model_weight=jax.tree.map(jnp.ones_like, none),
         label=none,
         prediction=none,
         label_valid=zero,
@@ -136,7 +152,7 @@ def zero_correction(like: ResidualForces, t: Scalar) -> ResidualCorrection:
 class ResidualCorrector(Protocol):
     """Protocol of the estimators of the model error.
 
-    Implementations: ``ForecastCombination``, ``ResidualKalmanFilter`` and ``LabelFilter``.
+    Implementations: ``ResidualKalmanFilter`` and ``LabelFilter``.
     """
 
     def init(self, team: Team) -> Any:
@@ -161,13 +177,3 @@ def unflatten(outputs: Outputs, like: ResidualForces) -> ResidualForces:
     ends = list(itertools.accumulate(leaf.size for leaf in leaves))
     parts = [outputs[end - leaf.size : end].reshape(leaf.shape) for leaf, end in zip(leaves, ends, strict=True)]
     return jax.tree.unflatten(structure, parts)
-
-
-def _residual_forces(
-    payload: Float[Array, "6"], agents: tuple[Float[Array, "_agents _outputs"], ...]
-) -> ResidualForces:
-    """Return residual forces from the output vectors of payload and agents."""
-    return ResidualForces(
-        payload=Wrench(F=payload[:3], tau=payload[3:]),
-        agents=tuple(split_agent_force(y) for y in agents),
-    )

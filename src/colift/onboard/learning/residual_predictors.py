@@ -122,9 +122,8 @@ class DisturbanceObserver:
 class CorrectedResidual:
     """Base predictor corrected by the estimated error of the residual model.
 
-    A time ``h`` after the control period of the correction, the prediction is ``f = s f_hat + d + h a v`` with the
-    share ``s`` of the model, the correction ``d`` and its rate ``v`` (docs/learning, Eq. 6). ``h`` is the lead time
-    plus the preview time.
+    A time ``h`` after the control period of the correction, the prediction is ``f = f_hat + d + h a v`` with the
+    correction ``d`` and its rate ``v`` (docs/learning, Eq. 5). ``h`` is the lead time plus the preview time.
 
     Attributes:
         base: Predictor that is corrected.
@@ -177,13 +176,7 @@ class CorrectedResidual:
         agents = zip(correction.rate.agents, self.rate_attenuation, strict=True)
         attenuated = tuple(jax.tree.map(functools.partial(jnp.multiply, a[:, None]), force) for force, a in agents)
         rate = dataclasses.replace(correction.rate, agents=attenuated)
-        return jax.tree.map(
-            lambda f, s, d, v: s * f + d + h * v,
-            f,
-            correction.model_weight,
-            correction.error,
-            rate,
-        )
+        return jax.tree.map(lambda f, d, v: f + d + h * v, f, correction.error, rate)
 
 
 @pytree
