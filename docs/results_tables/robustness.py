@@ -1,4 +1,4 @@
-"""Tables of damaged inputs, failing file operations and interrupts."""
+"""Tables of damaged inputs, failing file operations, interrupts and tested versions."""
 
 from __future__ import annotations
 
@@ -50,3 +50,15 @@ def damaged_inputs() -> str:
         for reader, each in sorted(_groups("fuzz").items())
     ]
     return markdown(("input", "number", "faults"), rows)
+
+
+@table("environments")
+def tested_versions() -> str:
+    """Return the environments of the tests: versions of main packages, numbers of passed and failed tests."""
+    packages = {"jax": "JAX", "numpy": "NumPy", "scipy": "SciPy", "pydantic": "pydantic", "mujoco": "MuJoCo"}
+    packages |= {"pin": "Pinocchio"}
+    rows = [
+        (*name.split(), *(one["versions"][package] for package in packages), one["passed_tests"], len(one["failures"]))
+        for name, one in sorted(items("environments").items(), key=lambda named: (named[0].split()[0], named[0]))
+    ]
+    return markdown(("Python", "environment", *packages.values(), "tests passed", "tests failed"), rows)
