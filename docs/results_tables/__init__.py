@@ -122,6 +122,11 @@ def items(name: str) -> dict[str, Any]:
     return record(name)["items"]
 
 
+def count_faults(each: Iterable[dict[str, Any]]) -> int:
+    """Return the number of faults of items."""
+    return sum(len(one["faults"]) for one in each)
+
+
 @functools.cache
 def limits(name: str) -> dict[str, Any]:
     """Return the literal constants of an evidence module, without importing it."""

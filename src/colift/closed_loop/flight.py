@@ -80,7 +80,7 @@ class Experiment(Generic[WorldT]):
     fit_latency: float | None = 0.0
 
     @property
-    def loop_config(self) -> LoopConfig[WorldT]:
+    def loop_config(self) -> LoopConfig[WorldT, LeaderFollowerController]:
         """Constant data of the closed loop before the first model update."""
         return LoopConfig(
             world=self.world,
