@@ -319,11 +319,23 @@ MUTANTS = {
         "S = H_d - P_dn + P_nn + R",
         "unit/onboard/test_residual_correction",
     ),
-    "combination: variance gained without labels omitted": Mutant(
+    "Kalman filter: variance gained without labels omitted": Mutant(
         "onboard/learning/kalman_correction.py",
-        "means(cross_moment + L_B)",
-        "means(cross_moment + TINY)",
+        "weight = (self.error_ms + TINY) / (self.error_ms + gained + TINY)",
+        "weight = jnp.ones_like(gained)",
         "unit/onboard/test_residual_correction",
+    ),
+    "contact forces: difference between the arms omitted": Mutant(
+        "onboard/estimation/contact_forces.py",
+        "lam = lam + difference - difference.mean(0, keepdims=True)",
+        "lam = lam + 0 * difference",
+        "unit/onboard/test_contact_forces",
+    ),
+    "contact forces: measured ones in place of reconstructed ones": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "jnp.where(valid > 0, lam, reconstructed)",
+        "lam",
+        "unit/onboard/test_contact_forces",
     ),
     "model update: error not offset": Mutant(
         "onboard/learning/kalman_correction.py",

@@ -4,7 +4,7 @@ Each item is a flight in the random environment of one sample of `evidence react
 numbers. The flight records labels before their filter and predictions of the residual model. Each corrector is then
 computed for these signals, so that correctors are compared on equal labels without a flight.
 
-A forecast for the time h ahead is the sum of the forces of payload and agents, ``s f_hat(t + h) + d + h v``. Its error
+A forecast for the time h ahead is the sum of the forces of payload and agents, ``f_hat(t + h) + d + h v``. Its error
 passes the position loop, ``e'' + K_v e' + K_p e = error / mass``, and the score is the RMS position error after the
 changes. The prediction of the model is taken from the recorded flight. Where the model is replaced between t and
 t + h, the step of its prediction is removed, because the correction of that period removes it too.
@@ -27,7 +27,8 @@ from colift.closed_loop.signals import StepRecord
 from colift.math.pytree import pytree
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, ResidualForces, zero_residual
-from colift.onboard.learning import kalman_correction, residual_correction
+from colift.onboard.learning import residual_correction
+from colift.onboard.learning.kalman_correction import KalmanState, ResidualKalmanFilter
 from colift.scenario import experiment
 from evidence import collect, react
 from evidence.targets import Target, report
@@ -40,48 +41,52 @@ REPRODUCED_N = 0.02  # largest RMS difference between recorded and replayed corr
 Corrector = residual_correction.ResidualCorrector
 
 
-def scale_std(of: kalman_correction.ForecastCombination, factor: float) -> kalman_correction.ForecastCombination:
-    """Return a combination whose filters have other standard deviations of the error."""
-    scaled = lambda x: dataclasses.replace(x, std=jax.tree.map(lambda std: factor * std, x.std))  # noqa: E731
-    return dataclasses.replace(of, with_model=scaled(of.with_model), without_model=scaled(of.without_model))
+def scale_std(given: ResidualKalmanFilter, factor: float) -> ResidualKalmanFilter:
+    """Return a filter with another standard deviation of the error."""
+    return dataclasses.replace(given, std=jax.tree.map(lambda std: factor * std, given.std))
+
+
+def with_field(name: str, value: float) -> Callable[[ResidualKalmanFilter], Corrector]:
+    """Return the map to a filter with another value of a field."""
+    return lambda given: dataclasses.replace(given, **{name: jnp.array(value)})
 
 
 @pytree
 class WithoutModel:
-    """Kalman filter of the residual, without the model.
+    """Corrector that replaces the prediction of the model by zero.
 
     Attributes:
-        corrector: The filter.
+        corrector: Corrector of the residual itself.
     """
 
-    corrector: kalman_correction.ResidualKalmanFilter
+    corrector: ResidualKalmanFilter
 
-    def init(self, team: Team) -> kalman_correction.KalmanState:
-        """Return the state of the filter."""
+    def init(self, team: Team) -> KalmanState:
+        """Return the state of the corrector."""
         return self.corrector.init(team)
 
     def update(
-        self,
-        state: kalman_correction.KalmanState,
-        observation: residual_correction.ResidualObservation,
-        clock: ControlClock,
-    ) -> tuple[residual_correction.ResidualCorrection, kalman_correction.KalmanState]:
-        """Advance the filter with a prediction of zero."""
+        self, state: KalmanState, observation: residual_correction.ResidualObservation, clock: ControlClock
+    ) -> tuple[residual_correction.ResidualCorrection, KalmanState]:
+        """Advance the corrector with a prediction of zero."""
         none = jax.tree.map(jnp.zeros_like, observation.prediction)
-        correction, state = self.corrector.update(state, dataclasses.replace(observation, prediction=none), clock)
-        return dataclasses.replace(correction, prediction=observation.prediction, model_weight=none), state
+        return self.corrector.update(state, dataclasses.replace(observation, prediction=none), clock)
 
 
-CORRECTORS: Mapping[str, Callable[[kalman_correction.ForecastCombination], Corrector]] = {
-    "combination": lambda given: given,
-    "with model": lambda given: given.with_model,
-    "without model": lambda given: WithoutModel(given.without_model),
+REFERENCE = "filter"
+CORRECTORS: Mapping[str, Callable[[ResidualKalmanFilter], Corrector]] = {
+    REFERENCE: lambda given: given,
     "half the deviations": lambda given: scale_std(given, 0.5),
     "twice the deviations": lambda given: scale_std(given, 2.0),
-    "horizon 0.05 s": lambda given: dataclasses.replace(given, horizon=jnp.array(0.05)),
-    "horizon 0.2 s": lambda given: dataclasses.replace(given, horizon=jnp.array(0.2)),
-    "averaging 0.5 s": lambda given: dataclasses.replace(given, averaging_time=jnp.array(0.5)),
-    "averaging 2 s": lambda given: dataclasses.replace(given, averaging_time=jnp.array(2.0)),
+    "without model": WithoutModel,
+    "max_bandwidth 5 Hz": with_field("max_bandwidth", 5.0),
+    "max_bandwidth 20 Hz": with_field("max_bandwidth", 20.0),
+    "averaging_time 0.5 s": with_field("averaging_time", 0.5),
+    "averaging_time 2 s": with_field("averaging_time", 2.0),
+    "noise_averaging 2 s": with_field("noise_averaging_time", 2.0),
+    "noise_averaging 10 s": with_field("noise_averaging_time", 10.0),
+    "decay_rate 0.5 1/s": with_field("decay_rate", 0.5),
+    "decay_rate 2 1/s": with_field("decay_rate", 2.0),
 }
 
 
@@ -90,7 +95,7 @@ def simulate_item(item: str) -> dict[str, Any]:
     settings, _ = react.draw(int(item), KEY)
     plan = experiment.make_experiment(settings, "adaptive")
     given = plan.controller.residual_corrector
-    assert isinstance(given, kalman_correction.ForecastCombination)
+    assert isinstance(given, ResidualKalmanFilter)
     flight = run_experiment(plan)
     rows, observations = flight.records, recorded_observations(plan, flight.records)
     late = rows.t >= react.EVALUATION_START
@@ -98,7 +103,7 @@ def simulate_item(item: str) -> dict[str, Any]:
     for name, make in CORRECTORS.items():
         found = replay(make(given), plan, observations)
         scores[name] = {str(h): position_error(plan, rows, found, h, late) for h in HORIZONS}
-        if name == "combination":
+        if name == REFERENCE:
             reproduced = metrics.rms_norm(np.asarray(found.error.payload.F) - np.asarray(rows.correction_L)[:, :3])
     return {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
@@ -109,7 +114,10 @@ def simulate_item(item: str) -> dict[str, Any]:
 
 
 def recorded_observations(plan: Experiment, rows: StepRecord) -> residual_correction.ResidualObservation:
-    """Return the observations of a flight; moments and joint torques of agents are not logged and count as zero."""
+    """Return the observations of a flight.
+
+    Moments and joint torques of agents are not logged and count as zero. The payload has a label in every period.
+    """
     team, valid = plan.controller.team, np.asarray(rows.label_valid)
     ticks, dt = len(rows.t), float(plan.dt)
     interval, since = np.zeros(ticks), 0.0
@@ -118,13 +126,13 @@ def recorded_observations(plan: Experiment, rows: StepRecord) -> residual_correc
         since *= 1 - valid[k]
     steps = np.isin(np.arange(ticks), update_ticks(plan, ticks)).cumsum()
     label = logged_forces(team, rows.label_L, rows.label_x)
+    by_body = lambda L, x: jax.vmap(residual_correction.by_body)(label, jnp.asarray(L), jnp.asarray(x))  # noqa: E731
     return residual_correction.ResidualObservation(
         label=label,
-        filtered_label=label,
         prediction=logged_forces(team, rows.model_prediction_L, rows.model_prediction_x),
         update_index=jnp.asarray(steps),
-        valid=jnp.asarray(valid),
-        interval=jnp.asarray(interval),
+        label_valid=by_body(np.ones(ticks), valid),
+        interval=by_body(np.full(ticks, dt), interval),
     )
 
 
@@ -187,8 +195,8 @@ def position_error(
     model = correction.prediction
     steps = jax.tree.map(lambda x: _steps(np.asarray(x), update_ticks(plan, end)), model)
     forecast = jax.tree.map(
-        lambda s, f, jump, d, v: s[at] * (f[at + n] - jump[at + n] + jump[at]) + d[at] + horizon * v[at],
-        *(correction.model_weight, model, steps, correction.error, correction.rate),
+        lambda f, jump, d, v: f[at + n] - jump[at + n] + jump[at] + d[at] + horizon * v[at],
+        *(model, steps, correction.error, correction.rate),
     )
     true = np.asarray(rows.f_L)[:, :3] + np.asarray(rows.f_x).sum(1)
     error = (total_force(forecast) - true[at + n]) / total_mass(team)
@@ -218,13 +226,13 @@ def _second_order(u: np.ndarray, k_p: float, k_v: float, dt: float) -> np.ndarra
 
 
 def main() -> bool:
-    """Print the geometric means of the scores relative to the combination and return whether replays agree."""
+    """Print the geometric means of the scores relative to the filter of `adaptive` and return whether replays agree."""
     found = collect("replay", map(str, range(SAMPLES)), simulate_item)
     flown = {item: one for item, one in found.items() if not one["termination_reason"]}
     print(f"{'forecast':22}" + "".join(f"{h:>9} s" for h in HORIZONS))
     for name in CORRECTORS:
         ratios = [
-            np.exp(np.mean([np.log(_score(one, name, h) / _score(one, "combination", h)) for one in flown.values()]))
+            np.exp(np.mean([np.log(_score(one, name, h) / _score(one, REFERENCE, h)) for one in flown.values()]))
             for h in HORIZONS
         ]
         print(f"{name:22}" + "".join(f"{x:11.3f}" for x in ratios))

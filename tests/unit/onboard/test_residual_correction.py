@@ -21,7 +21,7 @@ from colift.onboard import interfaces
 from colift.onboard.control import tracking
 from colift.onboard.estimation.state_estimator import FilterBandwidths, StateEstimate, TrainingSample
 from colift.onboard.learning import features, residual_correction, residual_model, residual_predictors
-from colift.onboard.learning.kalman_correction import ForecastCombination, KalmanState, ResidualKalmanFilter
+from colift.onboard.learning.kalman_correction import KalmanState, ResidualKalmanFilter
 from colift.onboard.learning.label_filter import LabelFilter
 from colift.onboard.learning.residual_correction import ResidualObservation
 from colift.scenario import experiment
@@ -65,11 +65,10 @@ def filter_labels(
         label = ResidualForces(payload=Wrench(F=y[:3], tau=y[3:]), agents=())
         observation = ResidualObservation(
             label=label,
-            filtered_label=label,
             prediction=label,
             update_index=jnp.zeros((), int),
-            valid=valid,
-            interval=interval,
+            label_valid=residual_correction.by_body(label, valid, valid),
+            interval=residual_correction.by_body(label, interval, interval),
         )
         state, nis = corrector.filter(state, jnp.zeros(OUTPUTS), observation, jnp.array(DT))
         return state, (state, nis)
@@ -235,13 +234,18 @@ def low_pass(x: np.ndarray, hertz: float) -> np.ndarray:
     return lfilter([b], [1, b - 1], x, axis=0, zi=(1 - b) * x[:1])[0]
 
 
+def sensed(x: np.ndarray) -> np.ndarray:
+    """Apply the lag of the tip force sensors."""
+    return low_pass(x, CORNERS["tip_force"])
+
+
 def filtered_label(x: np.ndarray) -> np.ndarray:
-    """Apply the filters of labels."""
-    return low_pass(low_pass(low_pass(x, CORNERS["tip_force"]), CORNERS["label"]), CORNERS["label"])
+    """Apply the two stages of the label filter."""
+    return low_pass(low_pass(x, CORNERS["label"]), CORNERS["label"])
 
 
 def estimate_with_label(p: Any, y: Any, on: Any, intervals: Any) -> StateEstimate:
-    """Return an estimate with a payload at p and its label y, filtered or not; agents have labels of zero."""
+    """Return an estimate with a payload at p and its label y before the label filter; agents have labels of zero."""
     load = PayloadState(p=p, v=jnp.zeros(3), R=jnp.eye(3), omega=jnp.zeros(3))
     team = light_experiment().controller.team
     none = tuple(
@@ -249,7 +253,7 @@ def estimate_with_label(p: Any, y: Any, on: Any, intervals: Any) -> StateEstimat
         for n, g in zip(team.sizes, team.agent_groups, strict=True)
     )
     labelled = TrainingSample(
-        payload=(jnp.zeros(24), y),
+        payload=(jnp.zeros(24), jnp.zeros(6)),
         agents=none,
         unfiltered=(y, tuple(label for _, label in none)),
         valid=on,
@@ -264,12 +268,17 @@ def estimate_with_label(p: Any, y: Any, on: Any, intervals: Any) -> StateEstimat
 def corrections(
     corrector: residual_correction.ResidualCorrector, model: Any, p: np.ndarray, labels: np.ndarray, on: np.ndarray
 ) -> residual_correction.ResidualCorrection:
-    """Return the corrections along a payload path; `model(k)` is the model at step k."""
+    """Return the corrections along a payload path; `model(k)` is the model at step k.
+
+    All outputs have labels in the same periods, also those of the payload.
+    """
 
     def step(state: Any, context: tuple) -> tuple:
         k, *inputs = context
         clock = ControlClock(t=k.astype(float) * DT, dt=jnp.array(DT))
-        observation = residual_correction.observe(model(k), team, estimate_with_label(*inputs))
+        observation = residual_correction.observe(model(k), team, estimate_with_label(*inputs), clock.dt)
+        valid, interval = (residual_correction.by_body(observation.label, x, x) for x in inputs[2:])
+        observation = dataclasses.replace(observation, label_valid=valid, interval=interval)
         correction, state = corrector.update(state, observation, clock)
         return state, correction
 
@@ -294,19 +303,14 @@ def replaced_model(k: jax.Array) -> residual_model.ResidualModel:
     return constant_model(0.5 + later.astype(float), later)
 
 
-def team_combination() -> ForecastCombination:
-    corrector = light_experiment().controller.residual_corrector
-    assert isinstance(corrector, ForecastCombination)
-    return corrector
-
-
 def team_filter() -> ResidualKalmanFilter:
-    return team_combination().with_model
+    corrector = light_experiment().controller.residual_corrector
+    assert isinstance(corrector, ResidualKalmanFilter)
+    return corrector
 
 
 CORRECTORS = {
     "kalman": team_filter,
-    "combination": team_combination,
     "label_filter": lambda: LabelFilter(filters=FILTERS),
 }
 
@@ -322,9 +326,8 @@ def test_model_replacement_is_bumpless(kind):
     found = {}
     for name, model in {"stays": lambda _k: constant_model(0.5), "replaced": replaced_model}.items():
         made = corrections(CORRECTORS[kind](), model, p, labels, np.ones(TICKS))
-        of_model = six(made.model_weight.payload) * six(made.prediction.payload)
-        found[name] = of_model + six(made.error.payload), six(made.rate.payload)
-    tolerance = {"kalman": (1e-5, 0.01), "combination": (1e-5, 0.01), "label_filter": (1e-9, 1e-9)}[kind]
+        found[name] = six(made.prediction.payload) + six(made.error.payload), six(made.rate.payload)
+    tolerance = {"kalman": (1e-5, 0.01), "label_filter": (1e-9, 1e-9)}[kind]
     (replaced, rate), (stays, expected) = found["replaced"], found["stays"]
     np.testing.assert_allclose(replaced[200], stays[200], atol=tolerance[0])
     np.testing.assert_allclose(replaced, stays, atol=tolerance[1])
@@ -355,86 +358,56 @@ def test_kalman_filter_without_labels_returns_to_the_model():
     assert (np.diff(std[stop - 1 :], axis=0) >= -1e-12).all()
 
 
-@pytest.mark.parametrize("make", [team_filter, team_combination])
-def test_correction_before_the_first_label_is_zero(make):
+def test_correction_before_the_first_label_is_zero():
     """Before any label, and in a flight without labels, the prediction is that of the model."""
-    made = corrections(make(), lambda _k: constant_model(0.7), np.zeros((50, 3)), np.ones((50, 6)), np.zeros(50, bool))
+    made = corrections(
+        team_filter(), lambda _k: constant_model(0.7), np.zeros((50, 3)), np.ones((50, 6)), np.zeros(50, bool)
+    )
     assert not any(np.any(x) for x in jax.tree.leaves((made.error, made.rate, made.nis, made.label_valid)))
-    np.testing.assert_array_equal(six(made.model_weight.payload), 1.0)
 
 
-# The combination of forecasts -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("kind", CORRECTORS)
+def test_outputs_without_labels_do_not_change_the_others(kind):
+    """The payload's correction is the same with and without labels of the agents, whose correction is not."""
+    rng, n = np.random.default_rng(11), 200
+    team, corrector = light_experiment().controller.team, CORRECTORS[kind]()
+    size = residual_correction.flatten(zero_residual(team)).size
+    y, dt = 1 + 0.1 * rng.normal(size=(n, size)).cumsum(axis=0), jnp.array(DT)
+
+    def run(on: np.ndarray) -> residual_correction.ResidualCorrection:
+        def step(state: Any, of: tuple) -> tuple:
+            y, valid, interval = of
+            label = residual_correction.unflatten(y, zero_residual(team))
+            observation = ResidualObservation(
+                label=label,
+                prediction=zero_residual(team),
+                update_index=jnp.zeros((), int),
+                label_valid=residual_correction.by_body(label, jnp.ones(()), valid),
+                interval=residual_correction.by_body(label, dt, interval),
+            )
+            correction, state = corrector.update(state, observation, ControlClock(t=jnp.zeros(()), dt=dt))
+            return state, correction
+
+        inputs = tuple(map(jnp.asarray, (y, on.astype(float), sample_intervals(on))))
+        return jax.jit(lambda: jax.lax.scan(step, corrector.init(team), inputs)[1])()
+
+    always, lost = run(np.ones(n, bool)), run(np.arange(n) < n // 2)
+    jax.tree.map(np.testing.assert_array_equal, always.error.payload, lost.error.payload)
+    jax.tree.map(np.testing.assert_array_equal, always.std.payload, lost.std.payload)
+    assert np.abs(always.error.agents[0].f_x - lost.error.agents[0].f_x)[n // 2 :].min(axis=0).max() > 1e-3
+    np.testing.assert_array_equal(lost.label_valid, np.arange(n) < n // 2)
 
 
-def moving_model(k: jax.Array) -> residual_model.ResidualModel:
-    """Return a model whose prediction oscillates with 2 Hz."""
-    return constant_model(1.5 * jnp.sin(2 * jnp.pi * 2 * DT * k.astype(float)))
-
-
-def oscillation(scale: float, ticks: int, seed: int) -> np.ndarray:
-    """Return labels that are a multiple of the prediction of `moving_model`, with noise."""
-    rng = np.random.default_rng(seed)
-    x = 1.5 * np.sin(2 * np.pi * 2 * DT * np.arange(ticks))
-    return np.tile(scale * x[:, None], (1, 6)) + 0.05 * rng.normal(size=(ticks, 6))
-
-
-def test_share_of_the_model_is_weighted_least_squares():
-    """The share minimizes the exponentially weighted square error of the combined forecasts, by numpy's solver."""
-    n, horizon = 600, 0.1
-    combination = dataclasses.replace(team_combination(), horizon=jnp.array(horizon), averaging_time=jnp.array(0.5))
-    y = oscillation(0.6, n, 12)
-    args = moving_model, np.zeros((n, 3)), y, np.ones(n, bool)
-    made = corrections(combination, *args)
-    A = corrections(combination.with_model, *args)
-    B = corrections(combination.without_model, lambda _k: constant_model(0.0), *args[1:])
-    lag = low_pass(six(A.prediction.payload), CORNERS["tip_force"])
-    start, h, last, elapsed = np.zeros(n, int), np.zeros(n), -1, 0.0
-    for k in range(n):
-        elapsed += DT
-        start[k], h[k] = last, elapsed
-        if elapsed >= horizon:
-            last, elapsed = k, 0.0
-    start, h = start[:, None], h[:, None]
-    forecasts = []
-    for correction in (A, B):
-        of_error, of_rate = (
-            np.where(start >= 0, six(x.payload)[start[:, 0]], 0.0) for x in (correction.error, correction.rate)
-        )
-        forecasts.append(of_error + h * of_rate)
-    f_A, f_B = lag + forecasts[0], forecasts[1]
-    age = DT * (n - 1 - np.arange(n))
-    weights = np.sqrt(np.exp(-age / 0.5))[:, None]
-    for block in (slice(0, 3), slice(3, 6)):
-        difference, target = ((weights * x)[:, block].ravel() for x in (f_A - f_B, y - f_B))
-        expected = np.linalg.lstsq(difference[:, None], target, rcond=None)[0][0]
-        assert 0 < expected < 1
-        np.testing.assert_allclose(six(made.model_weight.payload)[-1, block], expected, rtol=1e-3)
-
-
-@pytest.mark.parametrize(("scale", "least", "most"), [(1.0, 0.9, 1.0), (-1.0, 0.0, 0.1)])
-def test_share_selects_the_better_forecast(scale, least, most):
-    """A correct model has almost the whole share; a model of opposite sign has almost none."""
-    n = 2000
-    made = corrections(team_combination(), moving_model, np.zeros((n, 3)), oscillation(scale, n, 13), np.ones(n, bool))
-    share = six(made.model_weight.payload)[n // 2 :]
-    assert least <= share.min() <= share.max() <= most
-
-
-def test_combination_without_labels_returns_to_the_model():
-    """The variance of the forecast without the model grows to its prior, and its share of the forces decreases.
-
-    The prior of the moments is far below the error of this model, so that their share stays with the forecast zero.
-    """
-    n, stop = 8000, 2000
-    labels, on = oscillation(-1.0, n, 14), np.arange(n) < stop
-    labels[stop:] = labels[stop - 1]
-    made = corrections(team_combination(), moving_model, np.zeros((n, 3)), labels, on)
-    share, error = six(made.model_weight.payload), six(made.error.payload)
-    assert share[stop - 1].max() < 0.1
-    assert (np.diff(share[stop:], axis=0) >= -1e-12).all()
-    assert share[-1, :3].min() > 0.6
-    assert share[-1, 3:].max() < 0.1
-    assert np.abs(error[-1]).max() < 0.05
+def test_payload_has_a_label_without_tip_readings():
+    """An observation has labels of the payload in every period, and labels of the agents with tip readings."""
+    of, dt = light_experiment().controller, jnp.array(DT)
+    estimate = estimate_with_label(jnp.zeros(3), jnp.arange(6.0), jnp.zeros(()), jnp.array(0.3))
+    found = residual_correction.observe(of.residual_model, of.team, estimate, dt)
+    np.testing.assert_array_equal(six(found.label.payload), np.arange(6.0))
+    np.testing.assert_array_equal(six(found.label_valid.payload), 1.0)
+    np.testing.assert_array_equal(six(found.interval.payload), DT)
+    assert not any(np.any(x) for x in jax.tree.leaves(found.label_valid.agents))
+    assert all(np.all(x == 0.3) for x in jax.tree.leaves(found.interval.agents))
 
 
 def test_estimator_without_labels_is_refused():
@@ -444,7 +417,7 @@ def test_estimator_without_labels_is_refused():
         agents=of.initial_state.agents, payload=of.initial_state.payload, a_L=jnp.zeros(6), lam=lam
     )
     with pytest.raises(ValueError, match="provides no labels"):
-        residual_correction.observe(of.controller.residual_model, of.controller.team, without_labels)
+        residual_correction.observe(of.controller.residual_model, of.controller.team, without_labels, jnp.array(DT))
 
 
 def test_outputs_of_all_bodies_are_one_vector():
@@ -481,7 +454,7 @@ def test_changed_scenarios_differ_only_as_stated():
 
 
 def label_corrections(labels: np.ndarray, on: np.ndarray | None = None) -> residual_correction.ResidualCorrection:
-    """Return the corrections of a zero model for filtered labels."""
+    """Return the corrections of a zero model for labels behind the lag of the tip force sensors."""
     on = np.ones(len(labels)) if on is None else on
     held = labels[np.maximum.accumulate(np.where(on > 0, np.arange(len(labels)), 0))]
     make = LabelFilter(filters=FILTERS, averaging_time=jnp.array(0.05))
@@ -489,7 +462,7 @@ def label_corrections(labels: np.ndarray, on: np.ndarray | None = None) -> resid
 
 
 def test_label_filter_subtracts_the_filtered_mean():
-    """If labels equal the filtered mean the correction is zero; otherwise it is the difference."""
+    """If labels equal the mean behind the sensor lag, the correction is zero; otherwise the filtered difference."""
     rng = np.random.default_rng(0)
     p = np.cumsum(rng.normal(size=(TICKS, 3)), axis=0) * 0.05
     x = np.concatenate([p, np.zeros((TICKS, 3)), np.tile(np.eye(3).ravel(), (TICKS, 1)), np.zeros((TICKS, 9))], axis=1)
@@ -499,10 +472,11 @@ def test_label_filter_subtracts_the_filtered_mean():
     trained = dataclasses.replace(of.residual_model, payload=model)
     f = six(jax.vmap(residual_model.predict_payload, (None, 0))(trained, jnp.asarray(x)))
     more = rng.normal(size=(TICKS, 6)).cumsum(axis=0) * 0.1
-    made = corrections(LabelFilter(filters=FILTERS), lambda _k: trained, p, filtered_label(f) + more, np.ones(TICKS))
-    np.testing.assert_allclose(six(made.error.payload), more, atol=1e-9)
+    made = corrections(LabelFilter(filters=FILTERS), lambda _k: trained, p, sensed(f) + more, np.ones(TICKS))
+    expected = filtered_label(more)
+    np.testing.assert_allclose(six(made.error.payload), expected, atol=1e-9)
     rate = six(made.rate.payload)
-    np.testing.assert_allclose(rate[1:], np.diff(more, axis=0) / DT, atol=1e-6)
+    np.testing.assert_allclose(rate[1:], np.diff(expected, axis=0) / DT, atol=1e-6)
     assert not rate[0].any()
     assert np.abs(f - f[0]).max() > 0.1
 
@@ -513,10 +487,11 @@ def test_label_filter_holds_the_correction_without_labels():
     labels = np.tile((1.0 + 2.0 * t)[:, None], (1, 6))
     made = label_corrections(labels, on)
     error, rate, last = six(made.error.payload), six(made.rate.payload), np.flatnonzero(on)[1:]
-    np.testing.assert_allclose(error, labels[10 * (np.arange(TICKS) // 10)], atol=1e-12)
-    np.testing.assert_allclose(rate[last], 2.0, rtol=1e-9)
+    np.testing.assert_allclose(error, error[10 * (np.arange(TICKS) // 10)], atol=1e-12)
+    np.testing.assert_allclose(rate[last], np.diff(error[::10], axis=0) / (10 * DT), rtol=1e-9)
+    np.testing.assert_allclose(rate[last[-5:]], 2.0, rtol=0.01)
     since = np.arange(1, 10)
-    np.testing.assert_allclose(rate[last[0] + since, 0], 2.0 * 10 / (10 + since), rtol=1e-9)
+    np.testing.assert_allclose(rate[last[0] + since, 0], rate[last[0], 0] * 10 / (10 + since), rtol=1e-9)
     np.testing.assert_allclose(six(made.weight.payload), 1.0)
 
 
@@ -530,7 +505,7 @@ def test_label_filter_states_the_change_over_delay_and_age():
     limit = std[-1]
     np.testing.assert_allclose(std[stop:], np.minimum(slope * (DELAY + DT + age), limit), rtol=1e-4)
     b = -np.expm1(-DT / 0.05)
-    mean_square = lfilter([b], [1, b - 1], labels[1:stop, 0] ** 2)[-1]
+    mean_square = lfilter([b], [1, b - 1], six(made.error.payload)[1:stop, 0] ** 2)[-1]
     assert limit == pytest.approx(np.sqrt(2 * mean_square), rel=1e-9)
 
 
@@ -541,9 +516,9 @@ def test_correction_error_is_bounded_by_the_label_delay(seed):
     f = low_pass(low_pass(rng.normal(size=(TICKS, 6)).cumsum(axis=0), rng.uniform(1, 30)), 5.0)
     rate = np.abs(np.diff(f, axis=0)).max(axis=0) / DT
     off = 0.01 * rng.uniform(-1, 1, size=f.shape)
-    d = six(label_corrections(filtered_label(f + off)).error.payload)
+    d = six(label_corrections(sensed(f + off)).error.payload)
     assert (np.abs(f - d) <= DELAY * rate + 0.01 + 1e-12).all()
-    exact = label_corrections(filtered_label(f))
+    exact = label_corrections(sensed(f))
     ahead = six(exact.error.payload) + DELAY * six(exact.rate.payload)
     assert (np.abs(f - ahead) <= 2 * DELAY * rate + 1e-12).all()
 
@@ -552,7 +527,7 @@ def test_correction_error_on_a_ramp():
     """On a ramp the correction error is the label delay times the rate."""
     slopes = np.linspace(-2, 2, 6)
     ramp = np.outer(np.arange(TICKS) * DT, slopes)
-    remaining = (ramp - six(label_corrections(filtered_label(ramp)).error.payload))[-1]
+    remaining = (ramp - six(label_corrections(sensed(ramp)).error.payload))[-1]
     np.testing.assert_allclose(remaining, (DELAY - 1.5 * DT) * slopes, rtol=1e-2)
 
 
@@ -598,13 +573,13 @@ def predicted(
 
 
 def test_prediction_extrapolates_over_lead_and_preview_time():
-    """The share of the model plus correction and rate over lead time and preview; agents use a share of the rate."""
+    """The model plus correction and rate over lead time and preview; agents use a share of the rate."""
     rng, team = np.random.default_rng(12), light_experiment().controller.team
     zero = residual_correction.zero_correction(zero_residual(team), jnp.zeros(()))
     size = residual_correction.flatten(zero.error).size
-    s, d, v = rng.normal(size=(3, size))
+    d, v = rng.normal(size=(2, size))
     forces = lambda x: residual_correction.unflatten(jnp.asarray(x), zero_residual(team))  # noqa: E731
-    correction = dataclasses.replace(zero, error=forces(d), rate=forces(v), model_weight=forces(s))
+    correction = dataclasses.replace(zero, error=forces(d), rate=forces(v))
     found = np.asarray(residual_correction.flatten(predicted(correction, 0.02, 0.03, 0.4)))
     attenuation = np.asarray(
         residual_correction.flatten(
@@ -614,7 +589,7 @@ def test_prediction_extrapolates_over_lead_and_preview_time():
             )
         )
     )
-    np.testing.assert_allclose(found, 7.0 * s + d + 0.05 * attenuation * v, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found, 7.0 + d + 0.05 * attenuation * v, rtol=1e-9, atol=1e-9)
 
 
 def test_prediction_without_a_corrector_is_refused():

@@ -118,23 +118,23 @@ def test_constants_of_algorithms_have_their_stated_values():
     controller, held = made["adaptive"].controller, made["gp_label_feedback"].controller.residual_predictor
     assert isinstance(held, residual_predictors.CorrectedResidual)
     corrector, estimator, lag = controller.residual_corrector, controller.estimator, controller.actuator_compensator
-    assert isinstance(corrector, kalman_correction.ForecastCombination)
+    assert isinstance(corrector, kalman_correction.ResidualKalmanFilter)
     assert isinstance(estimator, state_estimator.ComplementaryFilter)
     assert isinstance(lag, actuator_compensation.LagInversion)
     values = {
-        "horizon": corrector.horizon,
         "averaging_time": corrector.averaging_time,
-        "decay_rate": corrector.with_model.decay_rate,
-        "noise_averaging_time": corrector.without_model.noise_averaging_time,
+        "decay_rate": corrector.decay_rate,
+        "max_bandwidth": corrector.max_bandwidth,
+        "noise_averaging_time": corrector.noise_averaging_time,
         "max_reading_age": estimator.max_reading_age,
         "bandwidth_ratio": lag.bandwidth_ratio,
         "preview_step": controller.preview_step,
         "lead_time": held.lead_time,
     }
     assert {name: float(value) for name, value in values.items()} == {
-        "horizon": 0.1,
         "averaging_time": 1.0,
         "decay_rate": 1.0,
+        "max_bandwidth": 10.0,
         "noise_averaging_time": 5.0,
         "max_reading_age": 0.02,
         "bandwidth_ratio": 2.0,

@@ -16,7 +16,7 @@ def contact_jacobian(J_tip: Float[Array, "arms 3 xi"]) -> Float[Array, "xi conta
     """Return the matrix from the contact forces of all arms, base frame, to the generalized moments.
 
     Args:
-        J_tip: Derivatives of the tip positions with respect to the momenta's velocities, by arm [m or 1].
+        J_tip: Tip velocities per angular velocity of the base and per joint velocity, base frame, by arm [m or 1].
     """
     return J_tip.reshape(-1, J_tip.shape[-1]).T
 
@@ -45,7 +45,7 @@ def reconstruct_contact_forces(
     least squares.
 
     Args:
-        J_tip: Derivatives of the tip positions with respect to the momenta's velocities, base frame [m or 1].
+        J_tip: Tip velocities per angular velocity of the base and per joint velocity, base frame, by arm [m or 1].
         R: Attitude of the base, body to world.
         A_lam: Generalized contact force ``f_hat - modelled``: force [N, world], then moments [N m, base frame] and
             joint torques or forces [N m or N].
@@ -60,6 +60,6 @@ def reconstruct_contact_forces(
     if arms > 1:
         J = contact_jacobian(J_tip)
         B = J - jnp.tile(J.reshape(-1, arms, 3).mean(1), arms)  # of the differences between the arms
-        difference = regularized_pseudoinverse(B, min_lever) @ (A_lam[3:] - J @ lam.reshape(-1))
-        lam = lam + difference.reshape(arms, 3)
+        difference = (regularized_pseudoinverse(B, min_lever) @ (A_lam[3:] - J @ lam.reshape(-1))).reshape(arms, 3)
+        lam = lam + difference - difference.mean(0, keepdims=True)  # the mean is zero up to rounding
     return lam @ R.T
