@@ -99,7 +99,7 @@ class ControlContext:
             without sensors, as in a linearization.
         estimate: Estimated state. Agents: attitude, center of mass [m, world], joint positions [rad or m], and their
             rates. Payload: pose and twist. Also the payload acceleration ``a_L`` and the contact forces on the payload
-            ``lam`` [N, world].
+            ``lam`` [N, world], as measured or reconstructed.
         setpoint: Desired payload pose at ``clock.t`` with its derivatives: ``p`` to ``j`` in the world frame [m to
             m/s^3], ``omega`` and ``omega_dot`` in the desired payload frame [rad/s, rad/s^2].
         last_wrench: Desired payload wrench of the previous period: force [N, world] and moment [N m, payload frame].

@@ -55,11 +55,11 @@ def reconstruct_contact_forces(
         Contact forces on the payload [N, world].
     """
     arms = len(J_tip)
-    mean = A_lam[:3] @ R / arms
-    lam = jnp.tile(mean, (arms, 1))
-    if arms > 1:
-        J = contact_jacobian(J_tip)
-        B = J - jnp.tile(J.reshape(-1, arms, 3).mean(1), arms)  # of the differences between the arms
-        difference = (regularized_pseudoinverse(B, min_lever) @ (A_lam[3:] - J @ lam.reshape(-1))).reshape(arms, 3)
-        lam = lam + difference - difference.mean(0, keepdims=True)  # the mean is zero up to rounding
-    return lam @ R.T
+    lam = jnp.tile(A_lam[:3] / arms, (arms, 1))
+    if arms == 1:
+        return lam
+    J = contact_jacobian(J_tip)
+    B = J - jnp.tile(J.reshape(-1, arms, 3).mean(1), arms)  # of the differences between the arms
+    difference = regularized_pseudoinverse(B, min_lever) @ (A_lam[3:] - J @ (lam @ R).reshape(-1))
+    difference = difference.reshape(arms, 3) @ R.T
+    return lam + difference - difference.mean(0, keepdims=True)  # the mean is zero up to rounding

@@ -370,6 +370,7 @@ def _update(
     modelled = state.modelled_wrench + initial_smoothing_factor(
         state.initialized, smoothing_factor(filters.tip_force, dt)
     ) * (modelled - state.modelled_wrench)
+    inputs = flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot]))
     next_state = EstimatorState(
         agents=tuple(agents),
         payload=fused,
@@ -377,12 +378,7 @@ def _update(
         omega=omega,
         modelled_wrench=modelled,
         label=_filter_label(state.label, modelled - contact, b, state.initialized),
-        inputs=_filter_label(
-            state.inputs,
-            flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot])),
-            b,
-            state.initialized,
-        ),
+        inputs=_filter_label(state.inputs, inputs, b, state.initialized),
         time_since_label=(1 - valid) * interval,
         initialized=jnp.ones(()),
     )
