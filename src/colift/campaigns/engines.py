@@ -16,7 +16,7 @@ from multiprocessing import connection
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from colift.campaigns.flights import Batch, Row, run_batch
 from colift.runtime import extras
@@ -48,6 +48,7 @@ class Outcome:
     retry: bool = False
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Workers that simulate batches."""
 

@@ -150,7 +150,8 @@ def encode(table: pd.DataFrame, suffix: str) -> bytes:
         return table.to_csv(index=False).encode()
     _require_pyarrow()
     buffer = io.BytesIO()
-    typed = table.astype({name: _column_type(table[name]) for name in table.columns})
+    filled = table.fillna({name: "" for name in TEXT_COLUMNS if name in table})
+    typed = filled.astype({name: _column_type(filled[name]) for name in filled.columns})
     typed.to_parquet(buffer, index=False, engine="pyarrow")
     return buffer.getvalue()
 
