@@ -205,7 +205,7 @@ class DaskEngine:
         except ModuleNotFoundError:
             raise OSError(f"a Dask cluster requires distributed: {extras.install_command('campaign')}") from None
         try:
-            self._client = distributed.Client(address, timeout=10, set_as_default=False)
+            self._client = distributed.Client(address, timeout=10)
         except (OSError, ValueError) as error:
             reason = str(error).splitlines()[0]
             raise OSError(f"the Dask cluster {address} cannot be reached: {reason}") from None

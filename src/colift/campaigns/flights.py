@@ -6,6 +6,7 @@ A batch is plain data, so that any engine can send it to another process or comp
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
 import os
 import platform
@@ -143,6 +144,7 @@ def _cell(value: JsonValue) -> Cell:
     return float(value) if is_number else json.dumps(value)
 
 
+@functools.cache
 def _versions() -> str:
     """Return the versions of the packages that determine the numbers of a row."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("colift", "jax", "jaxlib", "numpy", "scipy"))

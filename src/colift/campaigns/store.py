@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 import hashlib
 import io
-from collections.abc import Collection, Generator, Hashable, Sequence
+from collections.abc import Collection, Generator, Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -170,9 +170,8 @@ def _read_part(file: Path, columns: Collection[str] | None) -> pd.DataFrame:
     content = io.BytesIO(bounded_read.read_bytes(file, MAX_PART_BYTES))
     try:
         if file.suffix == ".csv":
-            text: dict[Hashable, str] = dict.fromkeys(TEXT_COLUMNS, "str")
-            found = pd.read_csv(content, dtype=text, float_precision="round_trip")
-            found = found if columns is None else found[[name for name in found if name in columns]]
+            found = pd.read_csv(content, dtype=object, keep_default_na=False)
+            found = found[[name for name in found if columns is None or name in columns]].transform(_parse_column)
         else:
             _require_pyarrow()
             found = _read_parquet(content, columns)
@@ -183,6 +182,20 @@ def _read_part(file: Path, columns: Collection[str] | None) -> pd.DataFrame:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise OSError(f"{file} is damaged ({reason}): remove it, and its flights are simulated again") from None
     return found.astype(dict.fromkeys(names, object)).fillna(dict.fromkeys(names, ""))
+
+
+def _parse_column(column: pd.Series) -> pd.Series:
+    """Return a column of texts with its type; NumPy parses numbers exactly, other than pandas."""
+    if column.name in TEXT_COLUMNS:
+        return column
+    if column.name == "complete":
+        return column == "True"
+    try:
+        return (
+            column.astype("int64") if column.name in ("sample", "seed") else column.replace("", "nan").astype("float64")
+        )
+    except ValueError:  # settings that are no numbers
+        return column
 
 
 def _read_parquet(content: io.BytesIO, columns: Collection[str] | None) -> pd.DataFrame:

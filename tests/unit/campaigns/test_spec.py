@@ -54,7 +54,6 @@ def test_error_states_line_key_value_and_allowed(text: str, tmp_path: Path):
 
 def test_all_errors_of_a_file_are_listed(tmp_path: Path):
     path = tmp_path / "campaign.yaml"
-    path.write_text("scenario: paper\noverrides: {payload.mass_kg: -1}\n")
     path.write_text("scenario: paper\noverrides: {payload.mass_kg: -1, payload.mas_kg: 3}\n")
     with pytest.raises(ScenarioError) as caught:
         spec.load_campaign(path)
@@ -73,7 +72,7 @@ def test_overrides_reach_the_scenario(tmp_path: Path):
     found = spec.load_campaign(path)
     assert found.scenario.payload.mass_kg == 2.5
     assert found.scenario.sensors.position_m == 0.001
-    changed = spec.with_settings(found.settings_json, found.file, (("agents.front.name", "first"), ("seed", 7)))
+    changed = spec.with_settings(found.settings_json, found.file, (("disturbances.stream.std_m", 0.5), ("seed", 7)))
     assert changed.payload.mass_kg == 2.5
-    assert changed.agents[0].name == "first"
+    assert changed.disturbances[2].std_m == 0.5
     assert changed.seed == 7
