@@ -64,11 +64,12 @@ def rows_or_error(batch: Batch) -> list[Row]:
 class InlineEngine:
     """Engine that computes batches in this process."""
 
-    slots = 1
-
     def __init__(self, task: Callable[[Batch], list[Row]] = run_batch) -> None:
         self.task, self.batches = task, list[Batch]()
         self.computed = 0
+
+    def slots(self) -> int:
+        return 1
 
     def submit(self, batches: Sequence[Batch]) -> None:
         self.batches += batches

@@ -142,7 +142,7 @@ class _Run:
         self, missing: Sequence[PlannedFlight], progress: Progress, report: Callable[[Progress], None]
     ) -> Progress:
         """Simulate flights until all have rows or the stopping rule is satisfied."""
-        self.waiting = list(make_batches(self.campaign, self.store.logs, missing, self.engine.slots))
+        self.waiting = list(make_batches(self.campaign, self.store.logs, missing, self.engine.slots()))
         report(progress)
         while (self.waiting or self.running.total()) and progress.stopped_at is None:
             signals.raise_if_interrupted()
@@ -154,7 +154,7 @@ class _Run:
 
     def _next_batches(self) -> Iterator[Batch]:
         """Remove batches from the queue and yield them; the first batch of a structure precedes the others."""
-        free = self.engine.slots - self.running.total()
+        free = self.engine.slots() - self.running.total()
         for batch in list(self.waiting):
             if free < 1:
                 return

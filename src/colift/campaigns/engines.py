@@ -52,7 +52,6 @@ class Outcome:
 class Engine(Protocol):
     """Workers that simulate batches."""
 
-    @property
     def slots(self) -> int:
         """Number of batches that the engine accepts at a time."""
         ...
@@ -96,7 +95,6 @@ class LocalEngine:
         self._jobs, self._task = jobs, task
         self._workers: list[_Worker] = []
 
-    @property
     def slots(self) -> int:
         """Number of processes."""
         return self._jobs
@@ -212,7 +210,6 @@ class DaskEngine:
         self._task, self._killed = task, distributed.KilledWorker
         self._futures: dict[Any, Batch] = {}
 
-    @property
     def slots(self) -> int:
         """Number of batches for the threads of the cluster at present."""
         return BATCHES_PER_THREAD * max(1, sum(self._client.nthreads().values()))
@@ -277,7 +274,6 @@ class SlurmEngine:
         self._task, self._unfinished = task, submitit.core.utils.UncompletedJobError
         self._jobs: dict[Any, Batch] = {}
 
-    @property
     def slots(self) -> int:
         """Largest number of jobs in the queue."""
         return SLURM_TASKS
