@@ -86,6 +86,8 @@ def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRec
     leaves["t"] = shape.period * np.arange(shape.time)
     leaves["thrust_saturated"] = leaves["thrust_saturated"] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
+    for name in ("correction_weight_L", "correction_weight_x"):
+        leaves[name] = 1 / (1 + np.exp(-leaves[name]))
     leaves |= given
     # built of JAX arrays, so that the annotations are checked; in a flight the leaves are NumPy's too
     return jax.tree.map(np.array, StepRecord(**{name: jnp.asarray(x) for name, x in leaves.items()}))

@@ -30,6 +30,7 @@ from colift.models.state import (
     State,
     TeamInputs,
     Wrench,
+    zero_residual,
 )
 from colift.onboard.control import preview, tracking
 from colift.onboard.control.actuator_compensation import NoCompensation
@@ -91,8 +92,9 @@ class ControllerState:
         payload_controller: State of the payload controller.
         last_command: Commands of the previous control period, after the thrust limit.
         actuator: State of the actuator compensator.
-        innovation: State of the innovation filter; None without the filter.
+        corrector: State of the residual corrector; None without a corrector.
         last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
+        last_f_hat: Residual forces compensated in the previous control period.
         initialized: 0 before the first control period, 1 afterwards.
     """
 
@@ -102,8 +104,9 @@ class ControllerState:
     payload_controller: PartState
     last_command: TeamInputs
     actuator: PartState
-    innovation: residual_correction.InnovationState | None
+    corrector: PartState
     last_wrench: Wrench
+    last_f_hat: ResidualForces
     initialized: Scalar
 
 
@@ -141,7 +144,7 @@ class LeaderFollowerController:
         allocator: Distribution of the payload wrench to contact forces.
         agent_controller: Controller of the agents.
         actuator_compensator: Compensation of the actuator dynamics; by default none.
-        innovation_filter: Filter of the residual model's innovation; None disables it.
+        residual_corrector: Estimator of the error of the residual model; None disables it.
         preview_step: Interval between the times at which the control law is evaluated on the reference [s], such as
             `colift.onboard.control.preview.PREVIEW_STEP`; None disables the preview.
 
@@ -164,7 +167,7 @@ class LeaderFollowerController:
     allocator: Allocator
     agent_controller: AgentController
     actuator_compensator: ActuatorCompensator = NoCompensation()
-    innovation_filter: residual_correction.InnovationFilter | None = None
+    residual_corrector: residual_correction.ResidualCorrector | None = None
     preview_step: Scalar | None = None
 
     def init(self, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, ControllerState]:
@@ -188,11 +191,12 @@ class LeaderFollowerController:
             payload_controller=self.payload_controller.init(),
             last_command=zero,
             actuator=self.actuator_compensator.init(zero),
-            innovation=None if self.innovation_filter is None else self.innovation_filter.init(self.team),
+            corrector=None if self.residual_corrector is None else self.residual_corrector.init(self.team),
             last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            last_f_hat=zero_residual(self.team),
             initialized=jnp.zeros(()),
         )
-        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, clock)
+        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
         context = ControlContext(
             team=self.team,
             clock=clock,
@@ -201,9 +205,9 @@ class LeaderFollowerController:
             setpoint=self.reference.evaluate(clock.t),
             last_wrench=state.last_wrench,
             initialized=state.initialized,
-            innovation=None
-            if self.innovation_filter is None
-            else residual_correction.zero_innovation(self.team, clock.t),
+            correction=None
+            if self.residual_corrector is None
+            else residual_correction.zero_correction(zero_residual(self.team), clock.t),
         )
         hover, _, _ = self.control_law(state.payload_controller, state.predictor, context)
         return hover, dataclasses.replace(state, last_command=hover, actuator=self.actuator_compensator.init(hover))
@@ -222,7 +226,9 @@ class LeaderFollowerController:
             The command until the next control period, the next state, and intermediate results for the log.
         """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
-        estimate, estimator_state = self.estimator.update(self.team, state.estimator, measurement, applied, clock)
+        estimate, estimator_state = self.estimator.update(
+            self.team, state.estimator, measurement, applied, state.last_f_hat, clock
+        )
         setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
             team=self.team,
@@ -233,25 +239,24 @@ class LeaderFollowerController:
             last_wrench=state.last_wrench,
             initialized=state.initialized,
         )
-        innovation_state = state.innovation
-        if self.innovation_filter is not None:
-            assert innovation_state is not None  # for the type checker: `init` sets it with the filter
-            innovation_state, innovation = self.innovation_filter.update(
-                innovation_state, self.team, self.residual_model, estimate, clock
-            )
-            context = dataclasses.replace(context, innovation=innovation)
+        corrector = state.corrector
+        if self.residual_corrector is not None:
+            observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
+            correction, corrector = self.residual_corrector.update(corrector, observation, clock)
+            context = dataclasses.replace(context, correction=correction)
         predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
         requested, payload_controller, telemetry = self.control_law(state.payload_controller, predictor, context)
         command, actuator = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
         state = ControllerState(
             estimator=estimator_state,
             recorder=self.recorder.record(state.recorder, measurement, estimate.sample, clock.t),
-            innovation=innovation_state,
+            corrector=corrector,
             predictor=predictor,
             payload_controller=payload_controller,
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
+            last_f_hat=telemetry.f_hat,
             initialized=jnp.ones(()),
         )
         return command, state, telemetry
@@ -282,7 +287,7 @@ class LeaderFollowerController:
             f_hat=demand.f_hat,
             eta=demand.forces.eta,
             saturated=saturated,
-            innovation=context.innovation,
+            correction=context.correction,
         )
         return inputs, next_state, telemetry
 
