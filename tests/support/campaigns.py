@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from colift.campaigns import driver, engines, spec, store
-from colift.campaigns.flights import Batch, Row, identity, run_batch
+from colift.campaigns.flights import MAX_BATCH, Batch, Row, identity, run_batch
 from tests.support import small_team
 
 VARIED = {
@@ -70,6 +70,12 @@ class InlineEngine:
 
     def slots(self) -> int:
         return 1
+
+    def batch_size(self, flights: int) -> int:
+        return MAX_BATCH
+
+    def prepare(self, batches: int) -> None:
+        pass
 
     def submit(self, batches: Sequence[Batch]) -> None:
         self.batches += batches

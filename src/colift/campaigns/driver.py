@@ -13,7 +13,7 @@ import pandas as pd
 
 from colift.campaigns import statistics
 from colift.campaigns.engines import Engine, Outcome
-from colift.campaigns.flights import MAX_BATCH, Batch, Cell, lost_row
+from colift.campaigns.flights import Batch, Cell, lost_row
 from colift.campaigns.sampling import PlannedFlight, plan_flights
 from colift.campaigns.spec import LoadedCampaign, StoppingRule
 from colift.campaigns.store import Store
@@ -142,7 +142,9 @@ class _Run:
         self, missing: Sequence[PlannedFlight], progress: Progress, report: Callable[[Progress], None]
     ) -> Progress:
         """Simulate flights until all have rows or the stopping rule is satisfied."""
-        self.waiting = list(make_batches(self.campaign, self.store.logs, missing, self.engine.slots()))
+        size, parallel = self.engine.batch_size(len(missing)), self.engine.slots() > 1
+        self.waiting = list(make_batches(self.campaign, self.store.logs, missing, size, parallel))
+        self.engine.prepare(len(self.waiting))
         report(progress)
         while (self.waiting or self.running.total()) and progress.stopped_at is None:
             signals.raise_if_interrupted()
@@ -197,25 +199,27 @@ class _Run:
         )
 
 
-def make_batches(campaign: LoadedCampaign, logs: Path, flights: Sequence[PlannedFlight], slots: int) -> Iterator[Batch]:
+def make_batches(
+    campaign: LoadedCampaign, logs: Path, flights: Sequence[PlannedFlight], size: int, parallel: bool
+) -> Iterator[Batch]:
     """Divide flights into batches of one structure, in the order of their samples.
 
     Args:
         campaign: Specification with its scenario.
         logs: Folder for the logs of single flights.
         flights: Flights in the order of their samples.
-        slots: Number of batches that are simulated at a time; a single flight then precedes the batches.
+        size: Largest number of flights of one batch.
+        parallel: Whether several batches are simulated at a time; a single flight of a structure then precedes them.
 
     Yields:
-        Batches of at most `MAX_BATCH` flights.
+        The batches.
     """
-    size = max(1, min(MAX_BATCH, -(-len(flights) // slots)))
     groups: dict[str, list[PlannedFlight]] = {}
     for flight in flights:
         groups.setdefault(structure_key(flight), []).append(flight)
     divided = []
     for group in groups.values():
-        first = [group[:1]] if slots > 1 and len(group) > 1 else []
+        first = [group[:1]] if parallel and len(group) > 1 else []
         rest = group[len(first) :]
         divided += [*first, *(rest[k : k + size] for k in range(0, len(rest), size))]
     log_folder = str(logs) if campaign.spec.keep == "signals" else None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import importlib
 import multiprocessing
 import os
 import signal
@@ -18,13 +19,15 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from colift.campaigns.flights import Batch, Row, run_batch
+from colift.campaigns.flights import MAX_BATCH, Batch, Row, run_batch
 from colift.runtime import extras
 
 Task = Callable[[Batch], list[Row]]
 """Function that a worker calls with a batch."""
 BATCHES_PER_THREAD = 2
 """Batches sent to a cluster for each of its threads, so that none is idle."""
+BATCHES_PER_WORKER = 4
+"""Smallest number of batches for each worker, so that all end at nearly the same time."""
 SLURM_TASKS = 1000
 """Largest number of jobs in the queue of SLURM."""
 SLURM_MINUTES = 720
@@ -56,6 +59,14 @@ class Engine(Protocol):
         """Number of batches that the engine accepts at a time."""
         ...
 
+    def batch_size(self, flights: int) -> int:
+        """Largest number of flights of one batch, for a number of flights in total."""
+        ...
+
+    def prepare(self, batches: int) -> None:
+        """Start workers for a number of batches."""
+        ...
+
     def submit(self, batches: Sequence[Batch]) -> None:
         """Send batches to the workers."""
         ...
@@ -85,19 +96,29 @@ class _Worker:
 class LocalEngine:
     """Spawned processes of this computer. The end of one process affects the batch of this process only."""
 
-    def __init__(self, jobs: int, task: Task = run_batch) -> None:
+    def __init__(self, jobs: int, task: Task = run_batch, modules: Sequence[str] = ()) -> None:
         """Start no process yet.
 
         Args:
             jobs: Number of processes.
             task: Function that a worker calls with a batch.
+            modules: Modules that a worker imports at its start, before it has a batch.
         """
-        self._jobs, self._task = jobs, task
+        self._jobs, self._task, self._modules = jobs, task, tuple(modules)
         self._workers: list[_Worker] = []
 
     def slots(self) -> int:
         """Number of processes."""
         return self._jobs
+
+    def batch_size(self, flights: int) -> int:
+        """Largest number of flights of one batch."""
+        return _balanced_size(flights, self._jobs)
+
+    def prepare(self, batches: int) -> None:
+        """Start the processes, which import their modules while the first batch compiles."""
+        for _ in range(len(self._workers), min(self._jobs, batches)):
+            self._start()
 
     def submit(self, batches: Sequence[Batch]) -> None:
         """Send each batch to an idle process, or to a new one."""
@@ -130,7 +151,9 @@ class LocalEngine:
         """Start a process."""
         context = multiprocessing.get_context("spawn")
         own, other = context.Pipe()
-        process = context.Process(target=_work, args=(other, self._task), daemon=True, name="colift-campaign")
+        process = context.Process(
+            target=_work, args=(other, self._task, self._modules), daemon=True, name="colift-campaign"
+        )
         process.start()
         other.close()
         self._workers.append(_Worker(process, own))
@@ -149,10 +172,17 @@ class LocalEngine:
         return _outcome_of(batch, found) if isinstance(found, BaseException) else Outcome(batch, found)
 
 
-def _work(pipe: Connection, task: Task) -> None:
+def _balanced_size(flights: int, workers: int) -> int:
+    """Return the number of flights of one batch with which all workers end at nearly the same time."""
+    return max(1, min(MAX_BATCH, -(-flights // (BATCHES_PER_WORKER * workers))))
+
+
+def _work(pipe: Connection, task: Task, modules: Sequence[str]) -> None:
     """Simulate batches until the driver ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes of a terminal; the driver ends this one
     threading.Thread(target=_end_with_driver, daemon=True).start()
+    for module in modules:
+        importlib.import_module(module)
     while True:
         try:
             batch = pipe.recv()
@@ -214,6 +244,13 @@ class DaskEngine:
         """Number of batches for the threads of the cluster at present."""
         return BATCHES_PER_THREAD * max(1, sum(self._client.nthreads().values()))
 
+    def batch_size(self, flights: int) -> int:
+        """Largest number of flights of one batch."""
+        return _balanced_size(flights, self.slots() // BATCHES_PER_THREAD)
+
+    def prepare(self, batches: int) -> None:
+        """Start nothing; the cluster exists."""
+
     def submit(self, batches: Sequence[Batch]) -> None:
         """Send batches to the cluster."""
         for batch in batches:
@@ -246,7 +283,7 @@ class DaskEngine:
 
 
 class SlurmEngine:
-    """Job arrays of SLURM, submitted by submitit (extra `slurm`). The results folder must be on a shared disk."""
+    """Job arrays of SLURM, submitted by submitit (extra `campaign`). The results folder must be on a shared disk."""
 
     def __init__(self, partition: str, folder: Path, task: Task = run_batch, cluster: str = "slurm") -> None:
         """Prepare job arrays.
@@ -262,8 +299,9 @@ class SlurmEngine:
         """
         try:
             import submitit
+            from submitit.core import utils
         except ModuleNotFoundError:
-            raise OSError(f"SLURM jobs require submitit: {extras.install_command('slurm')}") from None
+            raise OSError(f"SLURM jobs require submitit: {extras.install_command('campaign')}") from None
         try:
             self._executor = submitit.AutoExecutor(folder=folder, cluster=cluster)
         except RuntimeError as error:
@@ -271,12 +309,19 @@ class SlurmEngine:
         self._executor.update_parameters(
             slurm_partition=partition, timeout_min=SLURM_MINUTES, cpus_per_task=1, name="colift-campaign"
         )
-        self._task, self._unfinished = task, submitit.core.utils.UncompletedJobError
+        self._task, self._unfinished = task, utils.UncompletedJobError
         self._jobs: dict[Any, Batch] = {}
 
     def slots(self) -> int:
         """Largest number of jobs in the queue."""
         return SLURM_TASKS
+
+    def batch_size(self, flights: int) -> int:
+        """Largest number of flights of one job, whose start takes as long as many flights."""
+        return min(MAX_BATCH, flights)
+
+    def prepare(self, batches: int) -> None:
+        """Start nothing; each job starts its process."""
 
     def submit(self, batches: Sequence[Batch]) -> None:
         """Submit batches as one job array."""

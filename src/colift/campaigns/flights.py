@@ -19,18 +19,15 @@ from typing import Any
 
 from pydantic import JsonValue
 
-from colift.analysis import metrics
 from colift.campaigns import spec
 from colift.campaigns.sampling import PlannedFlight
-from colift.closed_loop import flight, log
-from colift.closed_loop.part_checks import PartError
 from colift.runtime import signals
 from colift.scenario import ScenarioError
-from colift.scenario.experiment import make_experiment
-from colift.workflows import study
 
 MAX_BATCH = 32
 """Largest number of flights of one batch."""
+WORKER_MODULES = ("colift.analysis.metrics", "colift.scenario.experiment", "colift.workflows.study")
+"""Modules that `run_batch` imports; they load JAX, which the driver does not."""
 SETTING_PREFIX = "settings."
 """Prefix of the columns of the varied settings."""
 NOT_STORED = ("complete", "termination_reason", "warnings", "update_times_s")
@@ -105,6 +102,12 @@ def log_file(folder: Path, identifier: str) -> Path:
 
 def _simulate(planned: PlannedFlight, batch: Batch) -> Row:
     """Simulate one flight; return its end and its metrics."""
+    from colift.analysis import metrics  # here, because only workers require JAX
+    from colift.closed_loop import flight, log
+    from colift.closed_loop.part_checks import PartError
+    from colift.scenario.experiment import make_experiment
+    from colift.workflows import study
+
     try:
         settings = spec.with_settings(batch.scenario, batch.file, (("seed", planned.seed), *planned.settings))
         experiment = make_experiment(settings, planned.case)

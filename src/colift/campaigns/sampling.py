@@ -15,7 +15,7 @@ from scipy import special
 from scipy.stats import qmc
 
 from colift.campaigns.spec import Campaign, Distribution, Grid, LoadedCampaign, LogUniform, Normal, Uniform
-from colift.scenario.experiment import case_id
+from colift.scenario.cases import case_id
 
 SIGNIFICANT_DIGITS = 12
 """Digits of a sampled number, so that mathematical libraries with other rounding yield the same flights."""

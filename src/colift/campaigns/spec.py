@@ -13,8 +13,8 @@ from pydantic import BeforeValidator, Field, JsonValue, TypeAdapter, ValidationE
 from colift.analysis.study_metrics import STUDY_METRICS
 from colift.runtime import bounded_read
 from colift.scenario import Scenario, ScenarioError, Section, fields, loading, validation, yaml_tree
+from colift.scenario.cases import ALL_CASES, PAPER_CASES, case_id
 from colift.scenario.errors import format_value, suggestion
-from colift.scenario.experiment import ALL_CASES, PAPER_CASES, case_id
 from colift.scenario.schema_docs import Schema
 
 MAX_FLIGHTS = 1_000_000
@@ -188,8 +188,10 @@ def with_settings(scenario: str, file: str, settings: Sequence[tuple[str, JsonVa
     Raises:
         ScenarioError: If a path does not exist or a value is not valid.
     """
-    overrides = [f"{path}={json.dumps(value)}" for path, value in settings]
-    return loading.resolve(yaml_tree.Tree(file, json.loads(scenario), {}, []), overrides)
+    tree = yaml_tree.Tree(file, json.loads(scenario), {}, [])
+    for path, value in settings:
+        tree = yaml_tree.with_value(tree, path, value)
+    return loading.resolve(tree)
 
 
 def _plain(scenario: Scenario) -> dict[str, Any]:

@@ -205,7 +205,7 @@ def _rows(path: Path, out: Path | None) -> tuple[pd.DataFrame, LoadedCampaign]:
 
 def _engine(opened: Store, jobs: int | None, address: str | None, partition: str | None) -> Engine:
     """Return the engine that the options select."""
-    from colift.campaigns import engines
+    from colift.campaigns import engines, flights
 
     if partition is not None:
         return engines.SlurmEngine(partition, opened.folder / "slurm")
@@ -213,7 +213,7 @@ def _engine(opened: Store, jobs: int | None, address: str | None, partition: str
         if not address.startswith(DASK_PREFIX):
             common.fail(f"--engine {address}: must be {DASK_PREFIX}ADDRESS, such as {DASK_PREFIX}host:8786")
         return engines.DaskEngine(f"tcp://{address.removeprefix(DASK_PREFIX)}")
-    return engines.LocalEngine(jobs or os.cpu_count() or 1)
+    return engines.LocalEngine(jobs or os.cpu_count() or 1, modules=flights.WORKER_MODULES)
 
 
 def _reporter(progress: Report) -> Callable[[Progress], None]:

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from colift.campaigns import driver, engines, spec, store
+from colift.campaigns.flights import MAX_BATCH
 from colift.runtime import atomic_write
 from tests.support import campaigns
 
@@ -122,10 +123,10 @@ def test_first_batch_compiles_before_the_others(tmp_path: Path):
     path = campaigns.write(tmp_path, samples=100, cases=["C1", "C3"])
     campaign = spec.load_campaign(path)
     flights = driver.plan_flights(campaign)
-    batches = list(driver.make_batches(campaign, tmp_path, flights, 2))
+    batches = list(driver.make_batches(campaign, tmp_path, flights, MAX_BATCH, True))
     assert [len(batch.flights) for batch in batches[:2]] == [1, 1]
     assert all(len({flight.case for flight in batch.flights}) == 1 for batch in batches)
-    assert max(len(batch.flights) for batch in batches) == driver.MAX_BATCH
+    assert max(len(batch.flights) for batch in batches) == MAX_BATCH
     assert sorted(flight.id for batch in batches for flight in batch.flights) == sorted(each.id for each in flights)
 
 

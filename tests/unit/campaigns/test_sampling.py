@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from colift.campaigns import sampling, spec
-from colift.scenario.experiment import PAPER_CASES
+from colift.scenario.cases import PAPER_CASES
 from tests.support import campaigns
 
 D = len(campaigns.VARIED)

@@ -23,7 +23,7 @@ def invoke(*arguments: str | Path) -> Result:
 def path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Specification of a campaign whose rows are computed without a flight."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(engines, "LocalEngine", lambda _jobs: campaigns.InlineEngine(campaigns.quick_rows))
+    monkeypatch.setattr(engines, "LocalEngine", lambda _jobs, modules: campaigns.InlineEngine(campaigns.quick_rows))
     return campaigns.write(tmp_path, cases=["C1", "C3"], samples=5)
 
 
