@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -65,7 +65,7 @@ def read_progress(campaign: LoadedCampaign, store: Store) -> Progress:
     return Progress(len(planned), stored, stopped_at=_stopping_sample(campaign.spec.until, planned, values))
 
 
-def campaign_table(campaign: LoadedCampaign, store: Store) -> pd.DataFrame:
+def campaign_table(campaign: LoadedCampaign, store: Store, columns: Collection[str] | None = None) -> pd.DataFrame:
     """Return the rows of a campaign in the order of its samples and cases.
 
     Rows of other campaigns in the same folder, and those after the sample at which the stopping rule is satisfied, are
@@ -74,8 +74,12 @@ def campaign_table(campaign: LoadedCampaign, store: Store) -> pd.DataFrame:
     Args:
         campaign: Specification with its scenario.
         store: Folder of its rows.
+        columns: Columns to read; None: all.
     """
-    table, planned, rule = store.read(), plan_flights(campaign), campaign.spec.until
+    planned, rule = plan_flights(campaign), campaign.spec.until
+    if columns is not None:
+        columns = {"id", *columns} if rule is None else {"id", rule.metric, *columns}
+    table = store.read(columns)
     if rule is not None and rule.metric in table:
         values = dict(zip(table["id"], table[rule.metric].astype(float), strict=True))
         last = _stopping_sample(rule, planned, values)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import importlib.util
 import os
+import random
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -25,8 +28,29 @@ from colift.campaigns import engines
 from tests.support import campaigns
 
 if __name__ == "__main__":
-    campaigns.run(Path(sys.argv[1]), Path(sys.argv[2]), engines.LocalEngine(1, campaigns.slow_rows))
+    campaigns.run(Path(sys.argv[1]), Path(sys.argv[2]), engines.LocalEngine(int(sys.argv[3]), campaigns.slow_rows))
 """
+
+
+@contextlib.contextmanager
+def started_driver(path: Path, out: Path, jobs: int) -> Generator[subprocess.Popen[bytes]]:
+    """Start a campaign in a process group of its own, and wait until it adds rows."""
+    script = path.parent / "drive.py"
+    script.write_text(DRIVER)
+    command = [sys.executable, str(script), str(path), str(out), str(jobs)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with subprocess.Popen(command, env=environment, start_new_session=True) as process:
+        before, deadline = len(store.part_files(out / "parts")), time.monotonic() + 120
+        while len(store.part_files(out / "parts")) == before and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+        yield process
+
+
+def worker_ids(driver_id: int) -> list[int]:
+    """Return the processes that compute batches for a driver."""
+    children = Path(f"/proc/{driver_id}/task/{driver_id}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
 
 
 def undisturbed(path: Path, out: Path) -> list[dict[str, object]]:
@@ -48,20 +72,33 @@ def test_repeated_campaign_computes_what_is_missing(tmp_path: Path):
 def test_killed_driver_loses_batches_in_flight_only(tmp_path: Path):
     """After `kill -9` of the driver its worker ends, and the next run yields the table of an undisturbed campaign."""
     path, out = campaigns.write(tmp_path, samples=70), tmp_path / "out"
-    script = tmp_path / "drive.py"
-    script.write_text(DRIVER)
-    command = [sys.executable, str(script), str(path), str(out)]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    with subprocess.Popen(command, env=environment) as process:
-        deadline = time.monotonic() + 120
-        while not list((out / "parts").glob("[!.]*")) and process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.02)
+    with started_driver(path, out, 1) as process:
         process.kill()
     stored = len(store.Store(out).read())
     assert 0 < stored < 70
     engine = campaigns.InlineEngine(campaigns.quick_rows)
     campaigns.run(path, out, engine)
     assert engine.computed == 70 - stored
+    assert campaigns.numbers(path, out) == undisturbed(path, tmp_path / "other")
+
+
+def test_kills_at_random_moments_repeat_batches_in_flight_only(tmp_path: Path):
+    """Driver, a worker, or all are killed at five moments; the final table equals that of an undisturbed campaign."""
+    generator, flights = random.Random(0), 800
+    path, out = campaigns.write(tmp_path, samples=flights), tmp_path / "out"
+    for target in ("driver", "worker", "all", "worker", "driver"):
+        with started_driver(path, out, 2) as process:
+            time.sleep(generator.uniform(0.0, 0.4))
+            assert process.poll() is None, "the campaign ended before the signal"
+            if target == "worker":
+                os.kill(generator.choice(worker_ids(process.pid)), signal.SIGKILL)
+                time.sleep(0.4)  # the driver sends the batch to another process
+                assert process.poll() is None
+            os.killpg(process.pid, signal.SIGKILL) if target == "all" else process.kill()
+    stored = len(store.Store(out).read())
+    engine = campaigns.InlineEngine(campaigns.quick_rows)
+    campaigns.run(path, out, engine)
+    assert engine.computed == flights - stored
     assert campaigns.numbers(path, out) == undisturbed(path, tmp_path / "other")
 
 
