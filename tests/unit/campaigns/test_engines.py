@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import functools
 import importlib.util
 import subprocess
 import sys
@@ -45,12 +46,14 @@ def test_missing_package_gives_one_line(package: str, tmp_path: Path, monkeypatc
             raise ModuleNotFoundError(f"No module named {name!r}", name=package)
         return found(name, *arguments)
 
+    dask, slurm = (
+        functools.partial(engines.DaskEngine, "tcp://localhost:1"),
+        lambda: engines.SlurmEngine("none", tmp_path),
+    )
+    start = dask if package == "distributed" else slurm
     monkeypatch.setattr(builtins, "__import__", missing)
     with pytest.raises(OSError, match=rf"^.* requires? {package}: .* -m pip install 'colift\[campaign\]'$"):
-        if package == "distributed":
-            engines.DaskEngine("tcp://localhost:1")
-        else:
-            engines.SlurmEngine("none", tmp_path)
+        start()
 
 
 def test_driver_loads_no_jax(tmp_path: Path):
