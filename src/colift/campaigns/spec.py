@@ -171,7 +171,9 @@ def load_campaign(path: str | Path) -> LoadedCampaign:
     except ScenarioError as error:
         raise ScenarioError(f"{tree.at(('scenario',))} scenario: {error}") from None
     scenario = _overridden(spec, tree, scenario, file)
-    return LoadedCampaign(name=path.stem, spec=spec, scenario=scenario, file=file)
+    plain = _plain(scenario)
+    vary = {path: _with_floats(variation, _value_at(plain, path)) for path, variation in spec.vary.items()}
+    return LoadedCampaign(path.stem, spec.model_copy(update={"vary": vary}), scenario, file)
 
 
 def with_settings(scenario: str, file: str, settings: Sequence[tuple[str, JsonValue]]) -> Scenario:
@@ -276,6 +278,25 @@ def _overridden(spec: Campaign, tree: yaml_tree.Tree, scenario: Scenario, file: 
     if errors:
         raise ScenarioError("\n".join(errors[: validation.MAX_MESSAGES]))
     return scenario
+
+
+def _value_at(data: Any, path: str) -> Any:
+    """Return the value of a setting; None if the scenario does not state it."""
+    for name in path.split("."):
+        if isinstance(data, list):
+            named = [entry for entry in data if isinstance(entry, dict) and entry.get("name") == name]
+            data = named[0] if named else dict(enumerate(data)).get(int(name)) if name.isdecimal() else None
+        else:
+            data = data.get(name) if isinstance(data, dict) else None
+    return data
+
+
+def _with_floats(variation: Variation, value: Any) -> Variation:
+    """Return a grid with its whole numbers as floats if the setting is a float, so that it is one structure."""
+    if not isinstance(variation, Grid) or not isinstance(value, float):
+        return variation
+    floats = (float(entry) if type(entry) is int else entry for entry in variation.values)
+    return variation.model_copy(update={"values": tuple(floats)})
 
 
 def _extremes(variation: Variation) -> tuple[JsonValue, ...]:

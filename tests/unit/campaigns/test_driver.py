@@ -167,6 +167,14 @@ def test_first_batch_compiles_before_the_others(tmp_path: Path):
     assert sorted(flight.id for batch in batches for flight in batch.flights) == sorted(each.id for each in flights)
 
 
+def test_whole_numbers_of_a_float_setting_share_a_structure(tmp_path: Path):
+    """Each value of `learning.max_samples` has its program; all values of a gain and of a component have the same."""
+    vary = {"control.K_p": [4, 5.5, 6], "initial_state.velocity_mps.0": [0, 1], "learning.max_samples": [20, 40]}
+    campaign = spec.load_campaign(campaigns.write(tmp_path, vary=vary, samples=1))
+    keys = {driver.structure_key(flight) for flight in driver.plan_flights(campaign)}
+    assert len(keys) == 2
+
+
 def test_full_disk_and_rows_of_another_version(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     path, out = campaigns.write(tmp_path), tmp_path / "out"
 
