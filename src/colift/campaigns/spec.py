@@ -292,8 +292,9 @@ def _value_at(data: Any, path: str) -> Any:
 
 
 def _with_floats(variation: Variation, value: Any) -> Variation:
-    """Return a grid with its whole numbers as floats if the setting is a float, so that it is one structure."""
-    if not isinstance(variation, Grid) or not isinstance(value, float):
+    """Return a grid with its whole numbers as floats if the setting consists of floats, so that it is one structure."""
+    stated = value if isinstance(value, list) else [value]
+    if not isinstance(variation, Grid) or not stated or not all(isinstance(entry, float) for entry in stated):
         return variation
     floats = (float(entry) if type(entry) is int else entry for entry in variation.values)
     return variation.model_copy(update={"values": tuple(floats)})
