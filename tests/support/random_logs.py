@@ -86,6 +86,7 @@ def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRec
     leaves["t"] = shape.period * np.arange(shape.time)
     leaves["thrust_saturated"] = leaves["thrust_saturated"] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
+    leaves["label_valid"] = (leaves["label_valid"] > 0).astype(float)
     for name in ("correction_weight_L", "correction_weight_x"):
         leaves[name] = 1 / (1 + np.exp(-leaves[name]))
     leaves |= given
@@ -104,6 +105,7 @@ def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> PredictionU
         agent_label_bias=tuple(rng.uniform(0.05, 0.1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
         payload_radius=rng.uniform(1, 9, (len(t), 6)),
         agent_radius=tuple(rng.uniform(1, 9, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
+        force_errors_to_payload=rng.uniform(0, 1, (len(t), 6, sum(n for n, _, _ in shape.groups), 3)),
     )
 
 

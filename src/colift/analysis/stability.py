@@ -46,6 +46,7 @@ POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
     r"|\.(estimator|corrector)\.time_since_label$|\.initialized$|\.controller\.last_f_hat\b"
+    r"|\.estimator\.clocks\b"
 )
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
     r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise)"
