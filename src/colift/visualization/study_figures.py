@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from colift.closed_loop import log, log_signals
+from colift.closed_loop import log_signals
 from colift.visualization import axes as axes_module
 from colift.visualization import contact_force_figures, rendering, team_figure, uncertainty_figures
 from colift.visualization.style import (
