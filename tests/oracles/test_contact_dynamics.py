@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from colift.math import so3
-from colift.models import grasp
+from colift.models import aerial_manipulator, grasp
 from colift.models.parameters import Team
 from colift.models.state import AgentInput, GeneralizedForce, ResidualForces, State, Wrench
 from colift.simulation import contact_dynamics
@@ -62,6 +62,35 @@ def test_accelerations_and_forces_equal_pinocchio(structure: tuple, seed: int) -
     assert relative_error(v_dot, np.array(expected.v_dot)) < allowed
     for ours, theirs in zip(xi_dot, expected.xi_dot, strict=True):
         assert relative_error(ours, theirs) < allowed
+
+
+@pytest.mark.parametrize("structure", teams.POOL)
+def test_contact_forces_are_not_observable_from_motion(structure: tuple) -> None:
+    """Any change d of the contact forces, with `A^T d` and `-G d` in the residuals, changes no acceleration.
+
+    The null space of the residuals and contact forces with respect to all accelerations therefore contains every
+    contact force. Only tip force sensors or a prior determine them (docs/errata.md, row 11).
+    """
+    team, z = random_team(3, structure)
+    rng = np.random.default_rng(7)
+    inputs, f = random_forces(rng, team)
+    a, lam = accelerate(team, z, inputs, f)
+    d = jax.tree.map(lambda x: jnp.asarray(rng.normal(size=x.shape)), lam)
+    W = grasp.payload_wrench(grasp.contact_points(team), z.payload.R, grasp.stack_contacts(d))
+    agents = []
+    for group, q, f_k, d_k in zip(team.agent_groups, z.agents, f.agents, d, strict=True):
+        J = jax.vmap(lambda agent, r: aerial_manipulator.centroidal_model(
+            agent, aerial_manipulator.forward_kinematics(agent, r)).J_tip)(group, q.r)  # fmt: skip
+        moments = jnp.einsum("abix,aji,abj->ax", J, q.R, d_k)
+        agents.append(
+            GeneralizedForce(f_x=f_k.f_x + d_k.sum(1), f_w=f_k.f_w + moments[:, :3], f_r=f_k.f_r + moments[:, 3:])
+        )
+    changed = ResidualForces(agents=tuple(agents), payload=Wrench(F=f.payload.F - W.F, tau=f.payload.tau - W.tau))
+    a_changed, lam_changed = accelerate(team, z, inputs, changed)
+    for now, before in zip(jax.tree.leaves(a_changed), jax.tree.leaves(a), strict=True):
+        np.testing.assert_allclose(now, before, atol=1e-10 * max(1.0, float(np.abs(before).max(initial=0))))
+    for now, before, change in zip(lam_changed, lam, d, strict=True):
+        np.testing.assert_allclose(now, before + change, atol=1e-9)
 
 
 def rotate_world(team: Team, z: State, f: ResidualForces, R: np.ndarray) -> tuple[Team, State, ResidualForces]:
