@@ -102,13 +102,22 @@ def status(path: SpecArgument, out: OutOption = None, as_json: common.JsonOption
         common.exit_with(common.EXIT_INCOMPLETE)
 
 
-def table(path: SpecArgument, out: OutOption = None, file: FileOption = None) -> None:
+def table(
+    path: SpecArgument,
+    out: OutOption = None,
+    file: FileOption = None,
+    lines: Annotated[
+        int, typer.Option("--lines", "-n", min=1, help="Largest number of flights that are printed.")
+    ] = 50,
+) -> None:
     """Print one line per flight: varied settings, metrics, and the reason if the flight ended early."""
     rows, campaign = _rows(path, out)
     if file is not None:
         _write(rows, file, "csv")
     with common.guard_output():
-        tables.print_table(campaign_tables.flight_table(rows, campaign.name), num_repeated=2)
+        tables.print_table(campaign_tables.flight_table(rows.head(lines), campaign.name), num_repeated=2)
+        if len(rows) > lines:
+            print(f"{lines} of {len(rows)} flights; --lines prints more, --csv FILE writes all")
 
 
 def compare(path: SpecArgument, out: OutOption = None) -> None:

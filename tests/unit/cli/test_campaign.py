@@ -39,6 +39,8 @@ def test_campaign_from_run_to_export(path: Path):
     shown = invoke("table", path, "--csv", "rows.csv")
     assert "payload.mass_kg" in shown.stdout
     assert len(pd.read_csv("rows.csv")) == 10
+    assert "flights; --lines" not in shown.stdout
+    assert "3 of 10 flights; --lines prints more" in invoke("table", path, "-n", "3").stdout
     compared = invoke("compare", path)
     assert compared.exit_code == 0, compared.stderr
     assert "C3 < C1" in compared.stdout
