@@ -29,8 +29,8 @@ class StepRecord:
     """Logged signals of one tick; agents, joints and contacts of all groups are concatenated.
 
     `colift.closed_loop.log_signals` defines unit, frame and meaning of each field. A wrench, and the payload
-    acceleration `a_L`, are one field of six numbers; the log splits them. The last ten fields are None unless the
-    controller has an innovation filter.
+    acceleration `a_L`, are one field of six numbers; the log splits them. Fields that only some controllers provide are
+    None otherwise.
     """
 
     t: Float[Array, "*time"]  # s, time of the tick
@@ -84,6 +84,17 @@ class StepRecord:
     correction_error_x: Float[Array, "*time agents 3"] | None = None  # N, RMS error of the agents without labels
     correction_weight: Float[Array, "*time"] | None = None  # weight of the current innovation
     labels_available: Float[Array, "*time"] | None = None  # 1 while labels are available, otherwise 0
+    # Only for allocators with limits
+    slack_roll_pitch: Float[Array, "*time"] | None = None  # N, moment over its lever
+    slack_z: Float[Array, "*time"] | None = None  # N
+    slack_xy: Float[Array, "*time"] | None = None  # N
+    slack_yaw: Float[Array, "*time"] | None = None  # N, moment over its lever
+    allocation_primal: Float[Array, "*time"] | None = None  # N, primal residual of the allocation
+    allocation_dual: Float[Array, "*time"] | None = None  # N, dual residual of the allocation
+    tilt_limited: Bool[Array, "*time agents"] | None = None  # True if the thrust direction is at its limit
+    thrust_limited: Bool[Array, "*time agents"] | None = None  # True if the allocated thrust is at its limit
+    friction_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at the friction cone
+    force_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at its limit
 
 
 def true_residual(
@@ -197,7 +208,19 @@ def make_record(
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
         min_delassus_singular_value=grasp.min_delassus_singular_value(team, z),
         **({} if (innovation := telemetry.innovation) is None else _innovation_signals(innovation)),
+        **({} if (allocation := telemetry.allocation) is None else _allocation_signals(allocation)),
     )
+
+
+def _allocation_signals(report: interfaces.AllocationReport) -> dict[str, Array]:
+    """Return the record fields of an allocation with limits."""
+    levels = ("slack_roll_pitch", "slack_z", "slack_xy", "slack_yaw", "allocation_primal", "allocation_dual")
+    return dict(zip(levels, (*report.slack, *report.residuals), strict=True)) | {
+        "tilt_limited": report.tilt,
+        "thrust_limited": report.thrust,
+        "friction_limited": report.friction,
+        "force_limited": report.force,
+    }
 
 
 def _innovation_signals(innovation: residual_correction.Innovation) -> dict[str, Array]:
