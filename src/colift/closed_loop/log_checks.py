@@ -20,6 +20,8 @@ from colift.runtime import text
 
 ONLINE = ("innovation_", "model_gain_", "delay_error_", "correction_", "labels_available")
 """Prefixes of the variables that only controllers with an innovation filter log."""
+LIMITED = ("slack_", "allocation_", "tilt_limited", "thrust_limited", "friction_limited", "force_limited")
+"""Prefixes of the variables that only allocators with limits log."""
 COMPUTED = ("p_base",)
 """Variables that logs of older schemas lack."""
 DIM_SIZES = {"axis": 3, "body_axis": 3, "quaternion": 4}
@@ -119,12 +121,17 @@ def _labels(ds: xr.Dataset) -> Iterator[str]:
 
 def _variables(ds: xr.Dataset) -> Iterator[str]:
     """Yield faults of the variables: missing, of other dimensions, or no numbers."""
-    online = any(str(name).startswith(ONLINE) for name in ds.data_vars)
+    absent = tuple(
+        prefix
+        for group in (ONLINE, LIMITED)
+        if not any(str(name).startswith(group) for name in ds.data_vars)
+        for prefix in group
+    )
     for name, spec in log_signals.SPECS.items():
         time = "time" if name in log_signals.SIGNALS else "time_sigma"
         if name not in ds.data_vars:
             joint = next((dim for dim in spec.dims if dim in ("joint", "prismatic_joint")), None)
-            optional = name in COMPUTED or (name.startswith(ONLINE) and not online)
+            optional = name in COMPUTED or name.startswith(absent)
             if not optional and (joint is None or joint in ds.coords):
                 yield f"the variable {name} is missing"
         elif ds[name].dims != (time, *spec.dims):

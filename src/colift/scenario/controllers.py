@@ -17,6 +17,7 @@ from colift.onboard.control import (
     agent_controllers,
     allocators,
     bound_tips,
+    constrained_allocation,
     label_feedback,
     payload_controllers,
     preview,
@@ -136,6 +137,30 @@ def _internal(
     return allocators.InternalForceSchedule(eta=jnp.asarray(eta), start=start, end=end, ramp=ramp)
 
 
+def _constrained(
+    settings: schema.Scenario, nominal: Team, base: allocators.LinearAllocator
+) -> constrained_allocation.ConstrainedAllocator:
+    """Return the allocation within the limits of a scenario."""
+    given = settings.allocation
+    assert isinstance(given, schema.ConstrainedAllocation)  # for the type checker
+    names, contact = team_module.contact_names(settings), given.contact
+    normals = contact.normal or {}
+    c = np.asarray(grasp.contact_points(nominal))
+    index = {name: i for i, name in enumerate(names)}
+    if given.grip:
+        lam = squeeze(c, [(index[a], index[b], newton) for a, b, newton in given.grip]).ravel()
+        base = dataclasses.replace(base, allocation=dataclasses.replace(base.allocation, offset=jnp.asarray(lam)))
+    limits = constrained_allocation.ContactLimits(
+        normals=np.array([normals[name] for name in names]) if set(names) <= set(normals) else None,
+        friction=contact.friction,
+        min_force=contact.min_force_N,
+        max_force=contact.max_force_N,
+    )
+    return constrained_allocation.constrained_allocator(
+        nominal, base, float(np.deg2rad(given.tilt_deg)), limits, given.max_iterations
+    )
+
+
 def make_controller(settings: schema.Scenario, nominal: Team) -> controller.LeaderFollowerController:
     """Return the controller of case C1, which records no samples and learns no residuals.
 
@@ -151,6 +176,10 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     """
     allocation_map, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings, nominal)
+    allocator: interfaces.Allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
+    if isinstance(settings.allocation, schema.ConstrainedAllocation):
+        allocator = _constrained(settings, nominal, allocator)
+    max_error = settings.control.max_position_error_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
     agent_controller = (
@@ -171,8 +200,10 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         ),
         residual_model=priors.prior_model(settings, nominal),
         residual_predictor=residual_predictors.LearnedResidual(),
-        payload_controller=payload_controllers.GeometricTracking(gains=gain),
-        allocator=allocators.LinearAllocator(allocation=allocation_map, internal=internal),
+        payload_controller=payload_controllers.GeometricTracking(
+            gains=gain, max_position_error=None if max_error is None else array(max_error)
+        ),
+        allocator=allocator,
         agent_controller=agent_controller(
             gains=gain, yaw=trajectories.headings(settings), nominal_posture=team_module.nominal_posture(settings)
         ),

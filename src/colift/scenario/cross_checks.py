@@ -200,19 +200,42 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield location, unknown_name_message(contact, known, "a contact")
         elif contact in leaders[:i]:
             yield location, f"{format_value(contact)} is named twice"
-    for i, pair in enumerate(_items(data, "allocation", "internal", "squeeze_pairs")):
+    yield from _contact_pairs(data, ("allocation", "internal", "squeeze_pairs"), known)
+    yield from _contact_pairs(data, ("allocation", "grip"), known)
+    yield from _contact_limits(data, known)
+
+
+def _contact_pairs(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:
+    for i, pair in enumerate(_items(data, *location)):
         ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
         for k, contact in enumerate(ends):
             if isinstance(contact, str) and contact not in known:
-                yield (
-                    ("allocation", "internal", "squeeze_pairs", i, k),
-                    unknown_name_message(contact, known, "a contact"),
-                )
+                yield (*location, i, k), unknown_name_message(contact, known, "a contact")
             elif isinstance(contact, str) and k == 1 and contact == ends[0]:
-                yield (
-                    ("allocation", "internal", "squeeze_pairs", i, k),
-                    "must be another contact than the first of the pair",
-                )
+                yield (*location, i, k), "must be another contact than the first of the pair"
+
+
+def _contact_limits(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMessage]:
+    location: Location = ("allocation", "contact")
+    limits = _part(data, *location)
+    normals = _part(data, *location, "normal")
+    if not isinstance(limits, dict):
+        return
+    normals = normals if isinstance(normals, dict) else {}
+    for name, axis in normals.items():
+        if name not in known:
+            yield (*location, "normal", name), unknown_name_message(name, known, "a contact")
+        elif isinstance(axis, list | tuple) and not any(axis):
+            yield (*location, "normal", name), "must not be zero"
+    for setting in ("friction", "min_force_N"):
+        if limits.get(setting) is not None and (missing := [name for name in known if name not in normals]):
+            yield (
+                (*location, setting),
+                f"requires `contact.normal` of every contact; missing: {', '.join(missing)}",
+            )
+    least, most = _number(data, *location, "min_force_N"), _number(data, *location, "max_force_N")
+    if least > most:
+        yield (*location, "min_force_N"), f"must not exceed max_force_N = {most:g}, got {least:g}"
 
 
 UPDATE_TIMES_PATH = ("learning", "update_times_s")  # location in the data

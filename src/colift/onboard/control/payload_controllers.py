@@ -17,9 +17,14 @@ Scalar = Float[Array, ""]
 
 @pytree
 class GeometricTracking:
-    """Payload controller of the paper (Eq. payload_force_cmd_learning, payload_torque_cmd_learning)."""
+    """Payload controller of the paper (Eq. payload_force_cmd_learning, payload_torque_cmd_learning).
+
+    The position error may be bounded by its norm. A team that falls behind its reference at a limit then returns at a
+    bounded speed.
+    """
 
     gains: tracking.Gains  # feedback gains
+    max_position_error: Scalar | None = None  # m, bound of the position error's norm; None for no bound
 
     def init(self) -> PartState:
         """Return the empty state."""
@@ -27,9 +32,12 @@ class GeometricTracking:
 
     def compute(self, state: PartState, context: ControlContext) -> tuple[tracking.AccelerationCommand, PartState]:
         """Compute the acceleration of `tracking.tracking_acceleration`; see `PayloadController`."""
-        return tracking.tracking_acceleration(
-            self.gains, context.estimate.payload, context.estimate.a_L[:3], context.setpoint
-        ), state
+        q, setpoint = context.estimate.payload, context.setpoint
+        if self.max_position_error is not None:
+            e_p = q.p - setpoint.p
+            scale = jnp.minimum(1.0, self.max_position_error / jnp.sqrt((e_p * e_p).sum() + 1e-30))
+            setpoint = dataclasses.replace(setpoint, p=q.p - scale * e_p)
+        return tracking.tracking_acceleration(self.gains, q, context.estimate.a_L[:3], setpoint), state
 
 
 @pytree

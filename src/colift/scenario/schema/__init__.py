@@ -16,6 +16,8 @@ from colift.scenario.schema.base import (
 )
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
 from colift.scenario.schema.control import (
+    ConstrainedAllocation,
+    ContactLimits,
     Control,
     ControllerPlugins,
     InternalForces,
@@ -73,6 +75,8 @@ __all__ = [
     "Body",
     "Certificate",
     "ConstantWrench",
+    "ConstrainedAllocation",
+    "ContactLimits",
     "Control",
     "ControllerPlugins",
     "Disturbance",

@@ -17,7 +17,13 @@ from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES, consistency_errors
 from colift.scenario.schema.base import Name, Plugin
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
-from colift.scenario.schema.control import Control, ControllerPlugins, LeaderFollowerAllocation, LeastSquaresAllocation
+from colift.scenario.schema.control import (
+    ConstrainedAllocation,
+    Control,
+    ControllerPlugins,
+    LeaderFollowerAllocation,
+    LeastSquaresAllocation,
+)
 from colift.scenario.schema.disturbances import Disturbance, RandomResidual
 from colift.scenario.schema.learning import BaselineTuning, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics
@@ -67,7 +73,9 @@ class Scenario(Named):
     """Actuators; a plugin builds a `colift.simulation.actuators.IdealActuators` by `build(world)`."""
     control: Control
     """Gains and filters."""
-    allocation: Annotated[LeastSquaresAllocation | LeaderFollowerAllocation, Field(discriminator="kind")]
+    allocation: Annotated[
+        LeastSquaresAllocation | LeaderFollowerAllocation | ConstrainedAllocation, Field(discriminator="kind")
+    ]
     """Allocation of the payload's wrench to contact forces."""
     learning: Learning
     """Data and models."""
