@@ -68,7 +68,7 @@ class ConeProgram:
     rho: Scalar  # step size
     penalties: Penalties
     tolerance: Scalar = constant(1e-4)  # of both residuals, in the unit of the rows
-    max_iterations: Scalar = constant(100)  # reached in steps of `CHECK_INTERVAL`
+    max_iterations: Scalar = constant(100.0)  # reached in steps of `CHECK_INTERVAL`
 
 
 @pytree
