@@ -168,8 +168,8 @@ class AllocationDemand:
 class AllocationReport:
     """Limits that act in one allocation, and the accuracy of its solution.
 
-    The slack is the part of the commanded acceleration that is not achieved, as a force: force on the total mass, or
-    moment on the payload divided by its lever.
+    The slack is the part of the commanded acceleration that is not achieved, as a force: force on the team's mass, or
+    moment on the team's inertia divided by the lever of the contacts.
 
     Attributes:
         slack: Slack of roll and pitch, of z, of x and y, and of yaw [N].

@@ -6,7 +6,8 @@ Each control period solves one cone program in the contact forces `lam`, in the 
 - thrust of every agent, `t_j = m_j P_j acc + sum_b lam_jb - m_j g - f_hat_j`, in a cone about the vertical between a
   minimum and a maximum, with the acceleration `P_j acc` of its contacts' mean;
 - contact force `lam_b` in a friction cone about its normal, between a minimum and a maximum;
-- slack `S (acc - acc_cmd)` [N], with penalties for roll and pitch, then z, then x and y, then yaw.
+- slack `S (acc - acc_cmd)` [N] with mass and inertia of the team, the moment divided by the contacts' root mean square
+  lever, with penalties for roll and pitch, then z, then x and y, then yaw.
 
 Deviations from the preferred distribution `lam_0 = G^+ W + Z eta` cost little. The sum of an agent's horizontal contact
 forces costs a hundred times more, because it tilts the agent.
@@ -195,7 +196,9 @@ def constrained_allocator(
     lever = np.sqrt(np.square(c[:, :2]).sum(1).mean())
     slack_map = np.zeros((6, 6))
     slack_map[:3, :3] = (float(payload.mass) + mass.sum()) * np.eye(3)
-    slack_map[3:, 3:] = np.asarray(payload.inertia) / lever
+    inertia = np.asarray(payload.inertia)
+    inertia = inertia + sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, center, strict=True))
+    slack_map[3:, 3:] = inertia / lever
     P = np.eye(3 * len(c))
     rows = []
     for j in range(len(mass)):
