@@ -179,7 +179,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     allocator: interfaces.Allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
     if isinstance(settings.allocation, schema.ConstrainedAllocation):
         allocator = _constrained(settings, nominal, allocator)
-    max_error = settings.control.max_position_error_m
+    bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
     agent_controller = (
@@ -201,7 +201,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         residual_model=priors.prior_model(settings, nominal),
         residual_predictor=residual_predictors.LearnedResidual(),
         payload_controller=payload_controllers.GeometricTracking(
-            gains=gain, max_position_error=None if max_error is None else array(max_error)
+            gains=gain, position_error_bound=None if bound is None else array(bound)
         ),
         allocator=allocator,
         agent_controller=agent_controller(

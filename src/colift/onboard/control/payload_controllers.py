@@ -24,7 +24,7 @@ class GeometricTracking:
     """
 
     gains: tracking.Gains  # feedback gains
-    max_position_error: Scalar | None = None  # m, bound of the position error's norm; None for no bound
+    position_error_bound: Scalar | None = None  # m, bound of the position error's norm; None for no bound
 
     def init(self) -> PartState:
         """Return the empty state."""
@@ -33,9 +33,9 @@ class GeometricTracking:
     def compute(self, state: PartState, context: ControlContext) -> tuple[tracking.AccelerationCommand, PartState]:
         """Compute the acceleration of `tracking.tracking_acceleration`; see `PayloadController`."""
         q, setpoint = context.estimate.payload, context.setpoint
-        if self.max_position_error is not None:
+        if self.position_error_bound is not None:
             e_p = q.p - setpoint.p
-            scale = jnp.minimum(1.0, self.max_position_error / jnp.sqrt((e_p * e_p).sum() + 1e-30))
+            scale = jnp.minimum(1.0, self.position_error_bound / jnp.sqrt((e_p * e_p).sum() + 1e-30))
             setpoint = dataclasses.replace(setpoint, p=q.p - scale * e_p)
         return tracking.tracking_acceleration(self.gains, q, context.estimate.a_L[:3], setpoint), state
 

@@ -60,7 +60,7 @@ class Control(Section):
     """Corner frequency of the estimate of gyroscope and accelerometer biases; 0: no estimate."""
     joint_filter_Hz: fields.Rate = 30.0
     """Corner frequency of the second-order filter of the joint positions, whose derivative is the joint velocity."""
-    max_position_error_m: Annotated[fields.Distance | None, unit("m")] = None
+    position_error_bound_m: Annotated[fields.Distance | None, unit("m")] = None
     """Bound of the position error that the payload controller acts on, by its norm; default: none."""
     preview_step_s: fields.PreviewStep | None = None
     """Time step of the preview of the reference, which yields a feedforward of angular velocities; default: none."""
