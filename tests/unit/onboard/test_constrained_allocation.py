@@ -63,7 +63,7 @@ def test_forces_without_an_active_limit_are_the_preferred_ones():
     np.testing.assert_allclose(forces.lam, preferred.lam, rtol=0, atol=1e-9)
     np.testing.assert_allclose(forces.acceleration.a, [0.3, -0.2, 0.4], atol=1e-9)
     np.testing.assert_allclose(forces.acceleration.alpha, [0.5, -0.5, 0.2], atol=1e-9)
-    np.testing.assert_array_equal(forces.lam_dot, preferred.lam_dot)
+    np.testing.assert_allclose(forces.lam_dot, preferred.lam_dot, atol=1e-9)
     assert not any(np.asarray(x).any() for x in (forces.report.tilt, forces.report.thrust, forces.report.force))
 
 

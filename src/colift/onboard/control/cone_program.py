@@ -52,9 +52,9 @@ class Penalties:
     """Weights of the norm penalties."""
 
     roll_pitch: Scalar = constant(27.0)  # moments across the direction
-    z: Scalar = constant(9.0)  # force along the direction
-    xy: Scalar = constant(3.0)  # force across the direction
-    yaw: Scalar = constant(1.0)  # moment along the direction
+    z: Scalar = constant(3.0)  # force along the direction
+    xy: Scalar = constant(1.0)  # force across the direction
+    yaw: Scalar = constant(9.0)  # moment along the direction
     constraint: Scalar = constant(100.0)  # distance of a block from its set
 
 

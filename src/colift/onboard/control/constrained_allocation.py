@@ -7,7 +7,7 @@ Each control period solves one cone program in the contact forces `lam`, in the 
   minimum and a maximum, with the acceleration `P_j acc` of its contacts' mean;
 - contact force `lam_b` in a friction cone about its normal, between a minimum and a maximum;
 - slack `S (acc - acc_cmd)` [N] with mass and inertia of the team, the moment divided by the contacts' root mean square
-  lever, with penalties for roll and pitch, then z, then x and y, then yaw.
+  lever, with penalties for roll and pitch, then yaw, then z, then x and y.
 
 Deviations from the preferred distribution `lam_0 = G^+ W + Z eta` cost little. The sum of an agent's horizontal contact
 forces costs a hundred times more, because it tilts the agent.
@@ -46,6 +46,11 @@ DEVIATION_WEIGHT = 0.1
 """Weight of squared deviations from the preferred contact forces [1/N]."""
 LATERAL_WEIGHT = 100.0
 """Weight of an agent's squared sum of horizontal forces, relative to `DEVIATION_WEIGHT`."""
+RATE_RANGE = 0.5
+"""Deviation from the preferred forces, with the slack, at which the rates of the command are no longer used [N].
+
+The rates are those of the command without limits; at a limit the forces do not follow it.
+"""
 ACTIVE_TOLERANCE = 1e-2
 """Distance from a limit at which it is reported as active [N]."""
 
@@ -101,14 +106,19 @@ class ConstrainedAllocator:
         R = context.estimate.payload.R
         acc_0, b = self._offsets(context, demand)
         sets = self._sets(context)
-        solution = cone_program.solve(self.program, (preferred.lam @ R).reshape(-1), b, sets, R[2], state)
+        x_0 = (preferred.lam @ R).reshape(-1)
+        solution = cone_program.solve(self.program, x_0, b, sets, R[2], state)
         lam = solution.x.reshape(-1, 3)
         acc = matvec(self.acceleration_map, solution.x) + acc_0
+        moved = jnp.abs(solution.x - x_0).max() + jnp.abs(solution.v[-6:]).max()
+        share = jnp.maximum(0.0, 1 - moved / RATE_RANGE)
         command = ContactForceCommand(
             lam=lam @ R.T,
-            lam_dot=preferred.lam_dot,
+            lam_dot=share * preferred.lam_dot,
             eta=self.base.allocation.nullspace.T @ (solution.x - self.base.allocation.offset),
-            acceleration=dataclasses.replace(demand.acceleration_cmd, a=R @ acc[:3], alpha=acc[3:]),
+            acceleration=dataclasses.replace(
+                demand.acceleration_cmd, a=R @ acc[:3], alpha=acc[3:], jerk=share * demand.acceleration_cmd.jerk
+            ),
             report=self._report(solution, sets, R[2]),
         )
         return command, solution.warm_start

@@ -114,8 +114,8 @@ class ContactLimits(Section):
 class ConstrainedAllocation(_Allocation):
     """Allocation within limits of thrust, tilt and contact forces; it prefers the least-squares allocation.
 
-    Where the limits do not permit the commanded acceleration, roll and pitch of the payload are kept first, then the
-    vertical, then the horizontal acceleration, then yaw.
+    Where the limits do not permit the commanded acceleration, roll and pitch of the payload are kept first, then
+    yaw, then the vertical, then the horizontal acceleration.
     """
 
     kind: Literal["constrained"]
