@@ -76,8 +76,8 @@ def draw(of: Geometry, rng: np.random.Generator) -> Problem:
                 np.full(contacts, rng.uniform(0.4, 0.9) if grips else far),
             ]
         ),
-        least=jnp.asarray(np.r_[np.full(blocks, 0.2 * hover), np.full(contacts, 0.5 if grips else -far)]),
-        most=jnp.asarray(np.r_[hover * share, np.full(contacts, rng.uniform(8, 25))]),
+        minimum=jnp.asarray(np.r_[np.full(blocks, 0.2 * hover), np.full(contacts, 0.5 if grips else -far)]),
+        maximum=jnp.asarray(np.r_[hover * share, np.full(contacts, rng.uniform(8, 25))]),
     )
     return Problem(x_0=x_0, b=b, sets=sets, n=R[2])
 
@@ -113,7 +113,7 @@ def reference_solution(of: Geometry, p: Problem) -> np.ndarray:
     for i in range(blocks):
         M, c, first = wide(of.A[3 * i : 3 * i + 3]), p.b[3 * i : 3 * i + 3], unknowns + 4 + 4 * i
         M[:, first : first + 3] -= np.eye(3)
-        axis, tan, least, most = (np.asarray(x)[i] for x in (p.sets.axis, p.sets.tan, p.sets.least, p.sets.most))
+        axis, tan, least, most = (np.asarray(x)[i] for x in (p.sets.axis, p.sets.tan, p.sets.minimum, p.sets.maximum))
         across = np.eye(3) - np.outer(axis, axis)
         add(np.vstack([0 * M[:1], M]), np.r_[most, c], quadratic)
         if tan < cone_program.UNLIMITED:

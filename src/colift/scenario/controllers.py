@@ -147,8 +147,8 @@ def _constrained(
     normals = contact.normal or {}
     c = np.asarray(grasp.contact_points(nominal))
     index = {name: i for i, name in enumerate(names)}
-    if given.grip:
-        lam = squeeze(c, [(index[a], index[b], newton) for a, b, newton in given.grip]).ravel()
+    if given.squeeze_pairs:
+        lam = squeeze(c, [(index[a], index[b], newton) for a, b, newton in given.squeeze_pairs]).ravel()
         base = dataclasses.replace(base, allocation=dataclasses.replace(base.allocation, offset=jnp.asarray(lam)))
     limits = constrained_allocation.ContactLimits(
         normals=np.array([normals[name] for name in names]) if set(names) <= set(normals) else None,

@@ -22,8 +22,8 @@ def random_sets(rng: np.random.Generator, count: int) -> cone_program.ConeSets:
     return cone_program.ConeSets(
         axis=jnp.asarray(axis / np.linalg.norm(axis, axis=1, keepdims=True)),
         tan=jnp.asarray(np.where(rng.random(count) < 0.3, FAR, rng.uniform(0.1, 2, count))),
-        least=jnp.asarray(np.where(rng.random(count) < 0.3, -FAR, least)),
-        most=jnp.asarray(np.where(rng.random(count) < 0.3, FAR, np.abs(least) + rng.uniform(0.1, 3, count))),
+        minimum=jnp.asarray(np.where(rng.random(count) < 0.3, -FAR, least)),
+        maximum=jnp.asarray(np.where(rng.random(count) < 0.3, FAR, np.abs(least) + rng.uniform(0.1, 3, count))),
     )
 
 
@@ -52,7 +52,7 @@ def test_free_program_returns_the_preferred_value():
     """Without an active limit no iteration is made, and a warm start has no effect."""
     program, x_0, b, sets, n, start = arguments(0)
     wide = dataclasses.replace(
-        sets, **{name: jnp.full(6, x) for name, x in (("tan", FAR), ("least", -FAR), ("most", FAR))}
+        sets, **{name: jnp.full(6, x) for name, x in (("tan", FAR), ("minimum", -FAR), ("maximum", FAR))}
     )
     b = b.at[-6:].set(-(program.A @ x_0)[-6:])
     found = solve(program, x_0, b, wide, n, dataclasses.replace(start, y=start.y + 5))

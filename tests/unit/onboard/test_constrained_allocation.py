@@ -97,7 +97,7 @@ def test_contacts_press_within_their_friction_cones():
     np.testing.assert_allclose(forces.acceleration.a, 0, atol=1e-3)
 
 
-def test_agents_and_integral_action_use_the_achieved_acceleration():
+def test_agents_and_integral_use_the_achieved_acceleration():
     """The wrench of the log is the achieved one, and the next period receives the difference."""
     _, _, state, onboard, now = allocated(allocator(), 22, [0, 0, 3, 0, 0, 0])
     assert float(jnp.abs(state.y).max()) > 0

@@ -23,12 +23,12 @@ def build(**allocation):
 
 def test_settings_reach_the_allocator():
     contact = {"friction": 0.6, "normal": NORMAL, "min_force_N": 2, "max_force_N": 20}
-    part = build(tilt_deg=30, contact=contact, grip=[["front/left", "front/right", 3]], max_iterations=40)
+    part = build(tilt_deg=30, contact=contact, squeeze_pairs=[["front/left", "front/right", 3]], max_iterations=40)
     assert isinstance(part, constrained_allocation.ConstrainedAllocator)
     assert float(part.tan_tilt) == pytest.approx(np.tan(np.pi / 6))
     assert float(part.program.max_iterations) == 40
     np.testing.assert_array_equal(part.contacts.axis[1], [0, 1, 0])
-    for name, expected in (("tan", 0.6), ("least", 2), ("most", 20)):
+    for name, expected in (("tan", 0.6), ("minimum", 2), ("maximum", 20)):
         np.testing.assert_array_equal(getattr(part.contacts, name), [expected] * 4)
     np.testing.assert_allclose(part.base.allocation.offset.reshape(-1, 3)[:, 1], [-3, 3, 0, 0])
 
@@ -36,11 +36,11 @@ def test_settings_reach_the_allocator():
 def test_contacts_without_limits_have_none():
     part = build()
     np.testing.assert_array_equal(part.contacts.tan, [cone_program.UNLIMITED] * 4)
-    np.testing.assert_array_equal(part.contacts.least, [-cone_program.UNLIMITED] * 4)
+    np.testing.assert_array_equal(part.contacts.minimum, [-cone_program.UNLIMITED] * 4)
 
 
 def test_friction_implies_contacts_that_only_press():
-    np.testing.assert_array_equal(build(contact={"friction": 0.6, "normal": NORMAL}).contacts.least, np.zeros(4))
+    np.testing.assert_array_equal(build(contact={"friction": 0.6, "normal": NORMAL}).contacts.minimum, np.zeros(4))
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_friction_implies_contacts_that_only_press():
             {"contact": {"normal": NORMAL, "min_force_N": 5, "max_force_N": 4}},
             "contact.min_force_N.* must not exceed max_force_N = 4, got 5",
         ),
-        ({"grip": [["front/left", "front/left", 1]]}, "must be another contact"),
+        ({"squeeze_pairs": [["front/left", "front/left", 1]]}, "must be another contact"),
     ],
 )
 def test_contradictory_settings_are_refused(allocation, message):

@@ -5,7 +5,7 @@ The unknown is ``x``, near a preferred value ``x_0``. Rows ``v = A x + b`` form 
     minimize 1/2 (x - x_0)^T P (x - x_0) + w_c sum_i dist(v_i, K_i) + w_z |e_f . n| + w_xy |e_f x n|
              + w_yaw |e_m . n| + w_rp |e_m x n|
 
-``K_i = {r <= t z, z >= least, |v_i| <= most}`` is a cone about an axis between two sizes, with z along the axis and r
+``K_i = {r <= t z, z >= minimum, |v_i| <= maximum}`` is a cone about an axis between two sizes, with z along the axis and r
 across it. The last two blocks ``e_f, e_m`` are penalized along and across the direction n. All penalties are norms:
 where the constraints can be met and the multipliers stay below the weights, they are exact, and the slack is zero.
 The distances instead of strict constraints keep the program solvable for all data.
@@ -39,12 +39,12 @@ CHECK_INTERVAL = 5
 
 @pytree
 class ConeSets:
-    """Sets `K_i = {r <= tan z, z >= least, |v_i| <= most}` of the blocks; `UNLIMITED` disables a limit."""
+    """Sets `K_i = {r <= tan z, z >= minimum, |v_i| <= maximum}` of the blocks; `UNLIMITED` disables a limit."""
 
     axis: Float[Array, "blocks 3"]  # unit vectors
     tan: Float[Array, " blocks"]  # tangent of the half angle of the cone
-    least: Float[Array, " blocks"]  # smallest component along the axis
-    most: Float[Array, " blocks"]  # largest norm
+    minimum: Float[Array, " blocks"]  # smallest component along the axis
+    maximum: Float[Array, " blocks"]  # largest norm
 
 
 @pytree
@@ -120,7 +120,7 @@ def project(v: Float[Array, "blocks 3"], sets: ConeSets) -> Float[Array, "blocks
     """Project every block to its set, in closed form.
 
     The projections to a cone and to a ball about its apex commute. If the result is below the smallest component, the
-    projection lies on the disc `z = least`.
+    projection lies on the disc `z = minimum`.
 
     Args:
         v: Blocks.
@@ -137,13 +137,13 @@ def project(v: Float[Array, "blocks 3"], sets: ConeSets) -> Float[Array, "blocks
     outside = has_cone & (r > t * z)
     on_cone = jnp.maximum((z + t * r) / (1 + t * t), 0.0)
     z_set, r_set = jnp.where(outside, on_cone, z), jnp.where(outside, t * on_cone, r)
-    scale = jnp.minimum(1.0, sets.most / jnp.sqrt(z_set * z_set + r_set * r_set + 1e-30))
+    scale = jnp.minimum(1.0, sets.maximum / jnp.sqrt(z_set * z_set + r_set * r_set + 1e-30))
     z_set, r_set = scale * z_set, scale * r_set
-    floor = jnp.where(sets.least > -UNLIMITED, sets.least, 0.0)
-    disc = jnp.sqrt(jnp.maximum(sets.most**2 - floor**2, 0.0))
+    floor = jnp.where(sets.minimum > -UNLIMITED, sets.minimum, 0.0)
+    disc = jnp.sqrt(jnp.maximum(sets.maximum**2 - floor**2, 0.0))
     disc = jnp.where(has_cone, jnp.minimum(disc, t * jnp.maximum(floor, 0.0)), disc)
-    low = z_set < sets.least
-    z_set, r_set = jnp.where(low, sets.least, z_set), jnp.where(low, jnp.minimum(r, disc), r_set)
+    low = z_set < sets.minimum
+    z_set, r_set = jnp.where(low, sets.minimum, z_set), jnp.where(low, jnp.minimum(r, disc), r_set)
     return z_set[:, None] * sets.axis + (r_set / r)[:, None] * across
 
 
@@ -181,7 +181,7 @@ def solve(
 ) -> Solution:
     """Solve the program; where the preferred value has no penalty, it is the solution without an iteration.
 
-    The loop ends when both residuals are below the tolerance, or after `max_iterations`. The residuals tell which.
+    The loop ends when both residuals are below the tolerance, or after `max_iterations`. The residuals show which.
 
     Args:
         program: Constant matrices.

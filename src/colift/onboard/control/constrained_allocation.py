@@ -147,8 +147,8 @@ class ConstrainedAllocator:
         return cone_program.ConeSets(
             axis=jnp.concatenate([axis, self.contacts.axis]),
             tan=jnp.concatenate([jnp.broadcast_to(self.tan_tilt, most.shape), self.contacts.tan]),
-            least=jnp.concatenate([self.min_thrust_share * most, self.contacts.least]),
-            most=jnp.concatenate([most, self.contacts.most]),
+            minimum=jnp.concatenate([self.min_thrust_share * most, self.contacts.minimum]),
+            maximum=jnp.concatenate([most, self.contacts.maximum]),
         )
 
     def _report(
@@ -163,7 +163,7 @@ class ConstrainedAllocator:
         side = v - z[:, None] * sets.axis
         r, norm = jnp.sqrt((side * side).sum(-1)), jnp.sqrt((v * v).sum(-1))
         at_cone = (sets.tan < cone_program.UNLIMITED) & (r > sets.tan * z - ACTIVE_TOLERANCE)
-        at_size = (norm > sets.most - ACTIVE_TOLERANCE) | (z < sets.least + ACTIVE_TOLERANCE)
+        at_size = (norm > sets.maximum - ACTIVE_TOLERANCE) | (z < sets.minimum + ACTIVE_TOLERANCE)
         agents = len(self.mass)
         return AllocationReport(
             slack=jnp.stack([across[1], jnp.abs(along[0]), across[0], jnp.abs(along[1])]),
@@ -241,13 +241,13 @@ def _contact_sets(contacts: int, limits: ContactLimits) -> cone_program.ConeSets
         normals = np.tile([0.0, 0.0, 1.0], (contacts, 1))
     if normals.shape != (contacts, 3):
         raise ValueError(f"{len(normals)} normals for {contacts} contacts")
-    least = limits.min_force if limits.friction is None else limits.min_force or 0.0
+    minimum = limits.min_force if limits.friction is None else limits.min_force or 0.0
     fill = {
         name: jnp.full(contacts, default if value is None else float(value))
         for name, value, default in (
             ("tan", limits.friction, cone_program.UNLIMITED),
-            ("least", least, -cone_program.UNLIMITED),
-            ("most", limits.max_force, cone_program.UNLIMITED),
+            ("minimum", minimum, -cone_program.UNLIMITED),
+            ("maximum", limits.max_force, cone_program.UNLIMITED),
         )
     }
     return cone_program.ConeSets(axis=jnp.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True)), **fill)

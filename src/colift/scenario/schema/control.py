@@ -124,7 +124,7 @@ class ConstrainedAllocation(_Allocation):
     """Largest angle between the commanded thrust of an agent and the vertical."""
     contact: ContactLimits = ContactLimits()
     """Limits of the contact forces."""
-    grip: Annotated[tuple[tuple[str, str, fields.ForceComponent], ...], Field(max_length=MAX_ENTRIES)] = ()
+    squeeze_pairs: Annotated[tuple[tuple[str, str, fields.ForceComponent], ...], Field(max_length=MAX_ENTRIES)] = ()
     """Preferred internal force at all times, entries `[contact a, contact b, N]`, in addition to `internal`."""
     max_iterations: Annotated[fields.Count, Field(ge=5, le=10_000), fields.range_reason("time of a control period")] = (
         100
