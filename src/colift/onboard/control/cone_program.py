@@ -5,10 +5,10 @@ The unknown is ``x``, near a preferred value ``x_0``. Rows ``v = A x + b`` form 
     minimize 1/2 (x - x_0)^T P (x - x_0) + w_c sum_i dist(v_i, K_i) + w_z |e_f . n| + w_xy |e_f x n|
              + w_yaw |e_m . n| + w_rp |e_m x n|
 
-``K_i = {r <= t z, z >= minimum, |v_i| <= maximum}`` is a cone about an axis between two sizes, with z along the axis and r
-across it. The last two blocks ``e_f, e_m`` are penalized along and across the direction n. All penalties are norms:
-where the constraints can be met and the multipliers stay below the weights, they are exact, and the slack is zero.
-The distances instead of strict constraints keep the program solvable for all data.
+``K_i = {r <= t z, z >= minimum, |v_i| <= maximum}`` is a cone about an axis between two sizes, with z along the axis
+and r across it. The last two blocks ``e_f, e_m`` are penalized along and across the direction n. All penalties are
+norms: where the constraints can be met and the multipliers stay below the weights, they are exact, and the slack is
+zero. The distances instead of strict constraints keep the program solvable for all data.
 
 A, P and the step size are constants. Their only inverse is computed at construction, and all other operations of an
 iteration are one product and closed-form projections.
