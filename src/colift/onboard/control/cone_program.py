@@ -91,7 +91,7 @@ class Solution:
 
 
 def make_program(
-    A: np.ndarray, P: np.ndarray, penalties: Penalties, rho: float = 5.0, max_iterations: int = 100
+    A: np.ndarray, P: np.ndarray, penalties: Penalties, rho: float = 2.0, max_iterations: int = 100
 ) -> ConeProgram:
     """Compute the constant matrices of a program on the host.
 
