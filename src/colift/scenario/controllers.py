@@ -145,20 +145,13 @@ def _constrained(
     assert isinstance(given, schema.ConstrainedAllocation)  # for the type checker
     names, contact = team_module.contact_names(settings), given.contact
     normals = contact.normal or {}
-    c = np.asarray(grasp.contact_points(nominal))
-    index = {name: i for i, name in enumerate(names)}
-    if given.squeeze_pairs:
-        lam = squeeze(c, [(index[a], index[b], newton) for a, b, newton in given.squeeze_pairs]).ravel()
-        base = dataclasses.replace(base, allocation=dataclasses.replace(base.allocation, offset=jnp.asarray(lam)))
     limits = constrained_allocation.ContactLimits(
         normals=np.array([normals[name] for name in names]) if set(names) <= set(normals) else None,
         friction=contact.friction,
         min_force=contact.min_force_N,
         max_force=contact.max_force_N,
     )
-    return constrained_allocation.constrained_allocator(
-        nominal, base, float(np.deg2rad(given.tilt_deg)), limits, given.max_iterations
-    )
+    return constrained_allocation.constrained_allocator(nominal, base, float(np.deg2rad(given.tilt_deg)), limits)
 
 
 def make_controller(settings: schema.Scenario, nominal: Team) -> controller.LeaderFollowerController:

@@ -201,7 +201,6 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         elif contact in leaders[:i]:
             yield location, f"{format_value(contact)} is named twice"
     yield from _contact_pairs(data, ("allocation", "internal", "squeeze_pairs"), known)
-    yield from _contact_pairs(data, ("allocation", "squeeze_pairs"), known)
     yield from _contact_limits(data, known)
 
 

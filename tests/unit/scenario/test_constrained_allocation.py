@@ -23,14 +23,12 @@ def build(**allocation):
 
 def test_settings_reach_the_allocator():
     contact = {"friction": 0.6, "normal": NORMAL, "min_force_N": 2, "max_force_N": 20}
-    part = build(tilt_deg=30, contact=contact, squeeze_pairs=[["front/left", "front/right", 3]], max_iterations=40)
+    part = build(tilt_deg=30, contact=contact)
     assert isinstance(part, constrained_allocation.ConstrainedAllocator)
     assert float(part.tan_tilt) == pytest.approx(np.tan(np.pi / 6))
-    assert float(part.program.max_iterations) == 40
     np.testing.assert_array_equal(part.contacts.axis[1], [0, 1, 0])
     for name, expected in (("tan", 0.6), ("minimum", 2), ("maximum", 20)):
         np.testing.assert_array_equal(getattr(part.contacts, name), [expected] * 4)
-    np.testing.assert_allclose(part.base.allocation.offset.reshape(-1, 3)[:, 1], [-3, 3, 0, 0])
 
 
 def test_contacts_without_limits_have_none():
@@ -57,7 +55,6 @@ def test_friction_implies_contacts_that_only_press():
             {"contact": {"normal": NORMAL, "min_force_N": 5, "max_force_N": 4}},
             "contact.min_force_N.* must not exceed max_force_N = 4, got 5",
         ),
-        ({"squeeze_pairs": [["front/left", "front/left", 1]]}, "must be another contact"),
     ],
 )
 def test_contradictory_settings_are_refused(allocation, message):

@@ -112,7 +112,9 @@ class ContactLimits(Section):
 
 
 class ConstrainedAllocation(_Allocation):
-    """Allocation within limits of thrust, tilt and contact forces; it prefers the least-squares allocation.
+    """Allocation within limits of thrust, tilt and contact forces.
+
+    It prefers the least-squares allocation with `internal`, which is the grip where contacts can only press.
 
     Where the limits do not permit the commanded acceleration, roll and pitch of the payload are kept first, then
     yaw, then the vertical, then the horizontal acceleration.
@@ -124,9 +126,3 @@ class ConstrainedAllocation(_Allocation):
     """Largest angle between the commanded thrust of an agent and the vertical."""
     contact: ContactLimits = ContactLimits()
     """Limits of the contact forces."""
-    squeeze_pairs: Annotated[tuple[tuple[str, str, fields.ForceComponent], ...], Field(max_length=MAX_ENTRIES)] = ()
-    """Preferred internal force at all times, entries `[contact a, contact b, N]`, in addition to `internal`."""
-    max_iterations: Annotated[fields.Count, Field(ge=5, le=10_000), fields.range_reason("time of a control period")] = (
-        100
-    )
-    """Largest number of iterations of the solver in a control period."""
