@@ -178,7 +178,7 @@ class Replayed(BaseException):
 
 
 processes = 1  # by which `collect` computes items, set by `--jobs`
-replay: str | None = None  # the only item that `collect` computes, ignoring stored results
+only_item: str | None = None  # the only item that `collect` computes, ignoring stored results
 
 
 def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> dict[str, Any]:
@@ -186,10 +186,10 @@ def collect(name: str, items: Iterable[str], compute: Callable[[str], Any]) -> d
 
     Raises SystemExit if a file behind the result is not committed, because the result could not be reproduced.
     """
-    if replay is not None:
-        if replay not in (items := list(items)):
-            raise LookupError(f"{name} has no item {replay!r}; there are {', '.join(items[:5])}, ...")
-        raise Replayed(replay, compute(replay))
+    if only_item is not None:
+        if only_item not in (items := list(items)):
+            raise LookupError(f"{name} has no item {only_item!r}; there are {', '.join(items[:5])}, ...")
+        raise Replayed(only_item, compute(only_item))
     path = RESULTS / f"{name}.json"
     found = stored(name)["items"] if path.exists() and not changed_files(name) else {}
     missing = [item for item in items if item not in found]

@@ -63,7 +63,7 @@ CASES = (
     *MODELS,
     "full with labels",
     "place with labels",
-)  # the last two: with innovation correction as in gp_label_feedback
+)  # the last two: with correction as in gp_label_feedback
 SEEDS = range(3)
 MAX_LENGTHSCALE_RATIO = 10.0
 
@@ -307,15 +307,12 @@ PLACE = {True: slice(0, 3), False: slice(9, 12)}  # of features: the payload's, 
 
 def fit_place(flight_data: TrainingFlight) -> ModelWithUncertainty:
     """Return the model of `adaptive` for these data."""
-    fitted, _, covariances = semiparametric.fit(
-        flight_data.model,
-        flight_data.dataset,
-        flight_data.position_options,
-        flight_data.mean,
-        {},
-        model_update.samples_by_body(flight_data.dataset),
+    fitted, _, _ = semiparametric.fit(
+        flight_data.model, flight_data.dataset, flight_data.position_options, flight_data.mean, {}
     )
-    return ModelWithUncertainty(fitted, semiparametric.mean_uncertainties(fitted, flight_data.dataset, covariances, {}))
+    end = flight_data.dataset.latest_time()
+    fitted, covariances = semiparametric.condition(fitted, flight_data.dataset, flight_data.mean, end)
+    return ModelWithUncertainty(fitted, semiparametric.mean_uncertainties(fitted, flight_data.dataset, covariances))
 
 
 def mean_basis(flight_data: TrainingFlight, body: BodyKey, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -481,7 +478,7 @@ def make_frozen_experiment(case: str, condition: str, seed: int) -> flight.Exper
     controller = dataclasses.replace(case_experiment.controller, residual_model=fit_model(model, seed).model)
     return dataclasses.replace(
         case_experiment,
-        controller=controllers.with_innovation_filter(flight_data, controller, hold_correction=True)
+        controller=controllers.with_residual_corrector(flight_data, controller, controllers.label_filter(flight_data))
         if labels
         else controller,
     )

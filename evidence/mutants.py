@@ -147,8 +147,8 @@ MUTANTS = {
     ),
     "payload inputs: label filter omitted": Mutant(
         "onboard/estimation/state_estimator.py",
-        "omega_dot])),\n            b,",
-        "omega_dot])),\n            0.0 * b + 1.0,",
+        "_filter_label(state.inputs, inputs, b, ",
+        "_filter_label(state.inputs, inputs, 0.0 * b + 1.0, ",
         "unit/onboard/test_state_estimator",
         "test_model_inputs_have_the_delay_of_labels",
     ),
@@ -272,12 +272,19 @@ MUTANTS = {
         "unit/onboard/test_residual_model",
         "test_physical_consistency_keeps_a_tenth_of_the_inertia",
     ),
-    "identification: residual function as mass": Mutant(
-        "onboard/learning/semiparametric.py",
-        "K = gp.gram_matrices(Z, change_point.model.hyper)",
-        "K = 0.05 * np.tile(np.eye(len(Z)), (6, 1, 1))",
+    "changes: parameters do not jump": Mutant(
+        "gp/time_variation.py",
+        "rate * walk + jumps",
+        "rate * walk + 0 * jumps",
         "unit/onboard/test_semiparametric",
-        "test_spatial_force_is_not_identified_as_mass",
+        "test_jump_of_constants_and_mass_keeps_the_field",
+    ),
+    "changes: change point at the first candidate": Mutant(
+        "onboard/learning/change_detection.py",
+        "best = int(np.argmax(log_factors))",
+        "best = 0",
+        "unit/onboard/test_online_learner",
+        "test_contradicting_labels_are_a_change_point",
     ),
     "regressor: sign of the lever arm": Mutant(
         "onboard/learning/identification.py",
@@ -306,23 +313,34 @@ MUTANTS = {
         "jnp.multiply, 1.0",
         "unit/onboard/test_label_feedback",
     ),
-    "rate forecast: interruption of labels included": Mutant(
-        "onboard/learning/residual_correction.py",
-        "b = due * uninterrupted * -jnp",
-        "b = due * -jnp",
-        "unit/onboard/test_residual_correction",
-        "test_rates_before_a_gap_are_not_compared_after_it",
-    ),
-    "model gain: labels omitted": Mutant(
-        "onboard/learning/residual_correction.py",
-        "gain, comovement.cross_moment, comovement",
-        "gain, comovement.second_moment, comovement",
+    "Kalman filter: differenced label noise omitted": Mutant(
+        "onboard/learning/kalman_correction.py",
+        "S = H_d - P_dn + P_nn + R + Q",
+        "S = H_d - P_dn + P_nn + R",
         "unit/onboard/test_residual_correction",
     ),
-    "model update: mean prediction not offset": Mutant(
-        "onboard/learning/residual_correction.py",
-        "prediction_lowpass=plus(state.comovement.prediction_lowpass)",
-        "prediction_lowpass=state.comovement.prediction_lowpass",
+    "Kalman filter: variance gained without labels omitted": Mutant(
+        "onboard/learning/kalman_correction.py",
+        "weight = (self.error_ms + TINY) / (self.error_ms + gained + TINY)",
+        "weight = jnp.ones_like(gained)",
+        "unit/onboard/test_residual_correction",
+    ),
+    "contact forces: difference between the arms omitted": Mutant(
+        "onboard/estimation/contact_forces.py",
+        "return lam + difference - ",
+        "return lam + 0 * difference - ",
+        "unit/onboard/test_contact_forces",
+    ),
+    "contact forces: measured ones in place of reconstructed ones": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "jnp.where(valid > 0, lam, reconstructed)",
+        "lam",
+        "unit/onboard/test_contact_forces",
+    ),
+    "model update: error not offset": Mutant(
+        "onboard/learning/kalman_correction.py",
+        "d=state.d - step",
+        "d=state.d",
         "unit/onboard/test_residual_correction",
     ),
     # bounds and certificates

@@ -231,7 +231,7 @@ def main(arguments: list[str], names: list[str]) -> int:
 
 def replay(name: str, item: str, out: Path) -> None:
     """Compute one item of an evidence module and write it as JSON."""
-    evidence.replay = item
+    evidence.only_item = item
     try:
         importlib.import_module(f"evidence.{name}").main()
     except evidence.Replayed as done:

@@ -30,7 +30,7 @@ CASES = {
     "C1": "no learning",
     "C2": "payload learning",
     "C3": "payload and agent learning",
-    "adaptive": "GPs updated online, with innovation correction",
+    "adaptive": "GPs updated online, corrected by a Kalman filter",
     "integral": "C1 with integral action",
     "disturbance_observer": "low-pass filter of the unexplained wrench",
     "parametric": "identified rigid-body parameters",
@@ -120,6 +120,11 @@ def record(name: str) -> dict[str, Any]:
 def items(name: str) -> dict[str, Any]:
     """Return the items of a stored result."""
     return record(name)["items"]
+
+
+def count_faults(each: Iterable[dict[str, Any]]) -> int:
+    """Return the number of faults of items."""
+    return sum(len(one["faults"]) for one in each)
 
 
 @functools.cache

@@ -1,10 +1,10 @@
-"""Tables of damaged inputs, failing file operations and interrupts."""
+"""Tables of damaged inputs, failing file operations, interrupts and tested versions."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from results_tables import items, markdown, table
+from results_tables import count_faults, items, markdown, table
 
 
 def _groups(name: str, separator: str = " ") -> dict[str, list[dict[str, Any]]]:
@@ -13,10 +13,6 @@ def _groups(name: str, separator: str = " ") -> dict[str, list[dict[str, Any]]]:
     for item, one in items(name).items():
         groups.setdefault(item.rpartition(separator)[0], []).append(one)
     return groups
-
-
-def _count_faults(each: list[dict[str, Any]]) -> int:
-    return sum(len(one["faults"]) for one in each)
 
 
 @table("interrupts+handover")
@@ -42,11 +38,29 @@ def file_operations() -> str:
 def damaged_inputs() -> str:
     """Return the readers with damaged or mutated inputs: inputs, and faults."""
     rows = [
-        (f"commands with a damaged `{file}`", sum(len(one["answers"]) for one in each), _count_faults(each))
+        (f"commands with a damaged `{file}`", sum(len(one["answers"]) for one in each), count_faults(each))
         for file, each in _groups("damage", ": ").items()
     ]
     rows += [
-        (f"reader `{reader}`, mutated inputs", sum(one["inputs"] for one in each), _count_faults(each))
+        (f"reader `{reader}`, mutated inputs", sum(one["inputs"] for one in each), count_faults(each))
         for reader, each in sorted(_groups("fuzz").items())
     ]
     return markdown(("input", "number", "faults"), rows)
+
+
+@table("environments")
+def tested_versions() -> str:
+    """Return the environments of the tests: versions of main packages, numbers of passed and failed tests."""
+    packages = {
+        "jax": "JAX",
+        "numpy": "NumPy",
+        "scipy": "SciPy",
+        "pydantic": "pydantic",
+        "mujoco": "MuJoCo",
+        "pin": "Pinocchio",
+    }
+    rows = [
+        (*name.split(), *(one["versions"][package] for package in packages), one["passed_tests"], len(one["failures"]))
+        for name, one in sorted(items("environments").items())
+    ]
+    return markdown(("Python", "environment", *packages.values(), "tests passed", "tests failed"), rows)

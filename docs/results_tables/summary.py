@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from results_tables import CASES, MissingResult, items, limits, markdown, number, record, table
+from results_tables import CASES, MissingResult, count_faults, items, limits, markdown, number, record, table
 from results_tables.certificate import METHODS, _array, _runs
 from results_tables.learning import _errors, _generalized, _mm
 
@@ -82,10 +82,6 @@ def _policy() -> str:
 def _passed(name: str) -> str:
     found = items(name).values()
     return f"{sum(one['passed'] for one in found)} of {len(found)}"
-
-
-def _faults(name: str) -> str:
-    return str(sum(len(one["faults"]) for one in items(name).values()))
 
 
 Claim = tuple[str, str, str, str, str]
@@ -171,13 +167,25 @@ def _teams(result: str, claim: str) -> Callable[[], Iterator[Claim]]:
 
 def _fuzz() -> Iterator[Claim]:
     n = f"{sum(one['inputs'] for one in items('fuzz').values())} inputs"
-    yield "robustness", "readers of files and messages", "mutated inputs with a fault", _faults("fuzz"), n
+    yield (
+        "robustness",
+        "readers of files and messages",
+        "mutated inputs with a fault",
+        str(count_faults(items("fuzz").values())),
+        n,
+    )
 
 
 def _file_faults() -> Iterator[Claim]:
     trials = sum(one["operations"] + one["killed"] for one in items("file_faults").values())
     metric = "failures and kills with a fault"
-    yield "robustness", "results after failing file operations", metric, _faults("file_faults"), f"{trials} trials"
+    yield (
+        "robustness",
+        "results after failing file operations",
+        metric,
+        str(count_faults(items("file_faults").values())),
+        f"{trials} trials",
+    )
 
 
 CLAIMS: dict[str, Callable[[], Iterator[Claim]]] = {

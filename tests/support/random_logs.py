@@ -88,6 +88,8 @@ def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRec
         if str(StepRecord.__annotations__[field.name]).startswith("Bool"):
             leaves[field.name] = leaves[field.name] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
+    for name in ("correction_weight_L", "correction_weight_x"):
+        leaves[name] = 1 / (1 + np.exp(-leaves[name]))
     leaves |= given
     # built of JAX arrays, so that the annotations are checked; in a flight the leaves are NumPy's too
     return jax.tree.map(np.array, StepRecord(**{name: jnp.asarray(x) for name, x in leaves.items()}))

@@ -28,6 +28,7 @@ from colift.closed_loop import flight, simulator
 from colift.math import so3
 from colift.math.linalg import matmul
 from colift.models.state import State
+from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
 from colift.simulation import sensors
 from colift.simulation.world import SimulatedWorld, WorldNoise
@@ -44,16 +45,19 @@ MARGINAL_THRESHOLD = 1e-6  # rad/s, rounding error of a rate: that of |z| divide
 POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
-    r"|\.estimator\.time_since_label$|\.(initialized|correction_weight)$"
+    r"|\.(estimator|corrector)\.time_since_label$|\.initialized$|\.controller\.last_f_hat\b"
 )
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
-    r"\.innovation\.(delay_error_ms|window_mean_square|longest_gap|mean_label_age|rate_forecast"
-    r"|comovement\.(cross_moment|second_moment))"
+    r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise)"
 )
 COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command in the loop state
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
-LABELS = r"\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench|label|inputs)\b"
+LABEL_FILTERS = r"\.estimator\.(agents\[\d+\]\.)?(label|inputs)\b"
 """Paths of the states of the label filters."""
+LABELS = (
+    rf"{LABEL_FILTERS}|\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench)\b"
+)
+"""Paths of the states of labels."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -357,7 +361,8 @@ def _undisturbed_loop(
 ) -> tuple[simulator.LoopConfig, simulator.LoopState, WorldNoise]:
     """Return configuration, state and noise of the loop without disturbances and limits, with the clock at zero.
 
-    The state is taken after one tick and as many further ticks as the largest sensor delay.
+    The state is taken after one tick and as many further ticks as the largest sensor delay. Kalman filters of a
+    residual corrector have their steady-state covariances: those of the least label noise, as sensors are exact.
     """
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
@@ -367,6 +372,11 @@ def _undisturbed_loop(
         default=0,
     )
     end, _ = simulator.rollout(experiment.loop_config, start, noise, jnp.asarray(1 + max_delay))
+    corrector = getattr(end.controller, "corrector", None)
+    filter_ = getattr(experiment.controller, "residual_corrector", None)
+    if isinstance(filter_, kalman_correction.ResidualKalmanFilter):
+        corrector = filter_.steady_state(corrector, experiment.loop_config.dt)
+        end = dataclasses.replace(end, controller=dataclasses.replace(end.controller, corrector=corrector))
     return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
 
 
@@ -619,7 +629,8 @@ def _coordinates(x: LoopStateTree, y: LoopStateTree) -> Array:
 def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     """Select the states that influence the plant in later ticks.
 
-    Recorded data are excluded, as are label filters if the controller has no innovation filter.
+    Recorded data are excluded, with the label filters of training samples. Labels are excluded without a residual
+    corrector. The residuals compensated in the last period act only without tip readings; sensors are exact here.
 
     Args:
         loop: Loop state.
@@ -627,8 +638,8 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
     Returns:
         The floating-point leaves by path.
     """
-    has_innovation_filter = getattr(loop.controller, "innovation", None) is not None
-    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES if has_innovation_filter else LABELS))
+    unused = LABELS if getattr(loop.controller, "corrector", None) is None else LABEL_FILTERS
+    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, unused))
     return {
         key: leaf
         for key, leaf in _leaves(loop)

@@ -21,6 +21,7 @@ from typing import Any
 import h5py
 import numpy as np
 import xarray as xr
+from jaxtyping import Array
 
 from colift.closed_loop import log_checks, log_signals, log_upgrade, pose_signals
 from colift.closed_loop.log_signals import all_joints as all_joints
@@ -144,9 +145,9 @@ def uncertainty_indices(rows: StepRecord, sigma: PredictionUncertainty) -> np.nd
 def predictive_std(rows: StepRecord, sigma: PredictionUncertainty) -> tuple[np.ndarray, np.ndarray]:
     """Compute predictive standard deviations of the residual predictions `f_L` and `f_x`.
 
-    The result is `sqrt(u^2 + b^2)` while labels are available and `sqrt(s^2 + d^2 + b^2)` otherwise. Here s is the
-    posterior standard deviation, b the label bias from data sheets, u the RMS error due to the label delay, and d the
-    RMS error of the corrected prediction without labels.
+    The result is `sqrt(c^2 + (1 - w) s^2 + b^2)` with a correction and `sqrt(s^2 + b^2)` without. Here s is the
+    posterior standard deviation of the model, b the label bias from data sheets, c the standard deviation of the
+    correction and w its weight: without labels the prediction returns to that of the model.
 
     Args:
         rows: Records of the flight.
@@ -155,20 +156,23 @@ def predictive_std(rows: StepRecord, sigma: PredictionUncertainty) -> tuple[np.n
     Returns:
         Arrays `(time, 6)` of the payload [N, N m] and `(time, agents, 3)` of the agents [N].
     """
-    s, b = (
-        (payload, np.concatenate([group[..., :3] for group in groups], axis=1))
-        for payload, groups in (
-            (sigma.payload_std, sigma.agent_std),
-            (sigma.payload_label_bias, sigma.agent_label_bias),
-        )
-    )
-    u, d = (rows.delay_error_L, rows.delay_error_x), (rows.correction_error_L, rows.correction_error_x)
-    if rows.labels_available is None or u[0] is None or u[1] is None or d[0] is None or d[1] is None:
-        return np.hypot(s[0], b[0]), np.hypot(s[1], b[1])
     at = uncertainty_indices(rows, sigma)
-    available = rows.labels_available[at][:, None] > 0
-    payload = np.hypot(np.where(available, u[0][at], np.hypot(s[0], d[0][at])), b[0])
-    return payload, np.hypot(np.where(available[:, None], u[1][at], np.hypot(s[1], d[1][at])), b[1])
+
+    def combined(
+        s: np.ndarray, b: np.ndarray, c: Array | np.ndarray | None, w: Array | np.ndarray | None
+    ) -> np.ndarray:
+        if c is None or w is None:
+            return np.hypot(s, b)
+        c, w = np.asarray(c)[at], np.asarray(w)[at]
+        return np.sqrt(c * c + (1 - w) * s * s + b * b)
+
+    agents = [
+        np.concatenate([group[..., :3] for group in of], axis=1) for of in (sigma.agent_std, sigma.agent_label_bias)
+    ]
+    return (
+        combined(sigma.payload_std, sigma.payload_label_bias, rows.correction_std_L, rows.correction_weight_L),
+        combined(*agents, rows.correction_std_x, rows.correction_weight_x),
+    )
 
 
 def uncertainty_norms(sigma: PredictionUncertainty) -> dict[str, np.ndarray]:

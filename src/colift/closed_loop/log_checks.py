@@ -18,8 +18,18 @@ import xarray as xr
 from colift.closed_loop import log_signals
 from colift.runtime import text
 
-ONLINE = ("innovation_", "model_gain_", "delay_error_", "correction_", "labels_available")
-"""Prefixes of the variables that only controllers with an innovation filter log."""
+CORRECTION = ("correction_L_", "correction_x")
+"""Prefixes of the correction, which only controllers with a residual corrector log."""
+CORRECTOR = (
+    "correction_std_",
+    "correction_weight_",
+    "correction_nis",
+    "label_L",
+    "label_x",
+    "label_valid",
+    "model_pred",
+)
+"""Prefixes of the other variables of a residual corrector, which logs of older schemas lack."""
 LIMITED = ("slack_", "allocation_", "tilt_limited", "thrust_limited", "friction_limited", "force_limited")
 """Prefixes of the variables that only allocators with limits log."""
 COMPUTED = ("p_base",)
@@ -121,17 +131,15 @@ def _labels(ds: xr.Dataset) -> Iterator[str]:
 
 def _variables(ds: xr.Dataset) -> Iterator[str]:
     """Yield faults of the variables: missing, of other dimensions, or no numbers."""
-    absent = tuple(
-        prefix
-        for group in (ONLINE, LIMITED)
-        if not any(str(name).startswith(group) for name in ds.data_vars)
-        for prefix in group
-    )
+    logged = [
+        group for group in (CORRECTION, CORRECTOR, LIMITED) if any(str(name).startswith(group) for name in ds.data_vars)
+    ]
     for name, spec in log_signals.SPECS.items():
         time = "time" if name in log_signals.SIGNALS else "time_sigma"
         if name not in ds.data_vars:
             joint = next((dim for dim in spec.dims if dim in ("joint", "prismatic_joint")), None)
-            optional = name in COMPUTED or name.startswith(absent)
+            group = next((group for group in (CORRECTION, CORRECTOR, LIMITED) if name.startswith(group)), None)
+            optional = name in COMPUTED or (group is not None and group not in logged)
             if not optional and (joint is None or joint in ds.coords):
                 yield f"the variable {name} is missing"
         elif ds[name].dims != (time, *spec.dims):

@@ -103,24 +103,28 @@ SIGNALS = {
     "Phi": SignalSpec((), "m", "none", "largest constraint violation |Phi|"),
     "Phi_dot": SignalSpec((), "m/s", "none", "largest constraint rate |dPhi/dt|"),
     "min_delassus_singular_value": SignalSpec(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
-    **_wrench("innovation_L", NEWTON, "innovation of the payload residual, as applied"),
-    "innovation_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "innovation of the residual force on an agent, as applied"
+    **_wrench("correction_L", NEWTON, "correction of the payload residual, as applied"),
+    "correction_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "correction of the residual force on an agent, as applied"
     ),
-    **_wrench("model_gain_L", ONE, "model gain of the payload residual, in [0, 1]"),
-    "model_gain_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "1", "world", "model gain of the residual force on an agent, in [0, 1]"
+    **_wrench("correction_std_L", NEWTON, "standard deviation of the corrected payload residual"),
+    "correction_std_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the corrected residual force on an agent"
     ),
-    **_wrench("delay_error_L", NEWTON, "RMS error of the payload labels due to their delay"),
-    "delay_error_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "RMS error of the force labels of an agent due to their delay"
+    **_wrench("correction_weight_L", ONE, "applied share of the estimated error of the payload model"),
+    "correction_weight_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "1", "world", "applied share of the estimated error of the agent force model"
     ),
-    **_wrench("correction_error_L", NEWTON, "RMS error of the corrected payload prediction without labels"),
-    "correction_error_x": SignalSpec(
-        AGENT_VECTOR_DIMS, "N", "world", "RMS error of the corrected prediction of the residual force without labels"
+    **_wrench("label_L", NEWTON, "label of the payload before the label filter"),
+    "label_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "label of the residual force on an agent before the label filter"
     ),
-    "correction_weight": SignalSpec((), "1", "none", "weight of the current innovation; 0: decayed to its mean"),
-    "labels_available": SignalSpec((), "1", "none", "1 while labels are available, otherwise 0"),
+    **_wrench("model_prediction_L", NEWTON, "payload residual predicted by the model without correction"),
+    "model_prediction_x": SignalSpec(
+        AGENT_VECTOR_DIMS, "N", "world", "residual force on an agent predicted by the model without correction"
+    ),
+    "label_valid": SignalSpec((), "1", "none", "1 in periods with recent tip force readings, otherwise 0"),
+    "correction_nis": SignalSpec((), "1", "none", "normalized innovation squared of the correction, mean of outputs"),
     "slack_roll_pitch": SignalSpec((), "N", "none", "roll and pitch moment not achieved, divided by its lever"),
     "slack_z": SignalSpec((), "N", "none", "vertical force on the team that is not achieved"),
     "slack_xy": SignalSpec((), "N", "none", "horizontal force on the team that is not achieved"),
@@ -136,7 +140,7 @@ SIGNALS = {
 }
 """Variables on the axis `time`: the signals of `StepRecord`, quaternions and base positions.
 
-Variables from `innovation_L_force` to `labels_available` exist for controllers with an innovation filter, those after
+Variables from `correction_L_force` to `correction_nis` exist for controllers with a residual corrector, those after
 them for allocators with limits. Quaternions are continuous in
 time: their sign does not change between two ticks.
 """

@@ -1,7 +1,8 @@
 """Upgrade of logs of older schemas.
 
 Schema 2 renamed variables and attributes of schema 1. Schema 3 has one unit for each variable: it splits wrenches into
-force and moment, and joint signals into revolute and prismatic joints. It adds quaternions and base positions.
+force and moment, and joint signals into revolute and prismatic joints. It adds quaternions and base positions. Schema 4
+contains the signals of the residual corrector in place of those of the innovation filter.
 """
 
 from __future__ import annotations
@@ -13,25 +14,29 @@ import xarray as xr
 
 from colift.closed_loop import log_signals, pose_signals
 
-SCHEMA = 3
+SCHEMA = 4
 """Schema of the logs that this version writes."""
 VARIABLES_OF_SCHEMA_1 = {
     "x_dot": "v_agent",
     "saturated": "thrust_saturated",
     "singular": "min_delassus_singular_value",
-    "r_L": "innovation_L",
-    "r_x": "innovation_x",
-    "trust_L": "model_gain_L",
-    "trust_x": "model_gain_x",
-    "late_L": "delay_error_L",
-    "late_x": "delay_error_x",
-    "left_L": "correction_error_L",
-    "left_x": "correction_error_x",
-    "fresh": "correction_weight",
-    "comes": "labels_available",
+    "r_L": "correction_L",
+    "r_x": "correction_x",
     **{f"bias_f_{output}": f"label_bias_std_f_{output}" for output in "Lxwr"},
     **{f"deviation_f_{output}": f"predictive_std_f_{output}" for output in "Lxwr"},
 }
+VARIABLES_OF_SCHEMA_3 = {
+    "innovation_L": "correction_L",
+    "innovation_L_force": "correction_L_force",
+    "innovation_L_moment": "correction_L_moment",
+    "innovation_x": "correction_x",
+}
+"""Signals of the innovation filter, in logs of schema 2 and 3, to the signals of the same meaning."""
+DROPPED = (
+    *("model_gain_", "delay_error_", "correction_error_", "trust_", "late_", "left_"),
+    *("correction_weight", "labels_available", "fresh", "comes"),
+)
+"""Begin of the names of signals of the innovation filter that have no present meaning."""
 ATTRIBUTES_OF_SCHEMA_1 = {
     "stopped": "termination_reason",
     "unused": "learning_warnings",
@@ -65,7 +70,8 @@ def upgrade(ds: xr.Dataset) -> xr.Dataset:
 
     The types of the joints are read from the scenario in the log. Without a scenario all joints are taken as revolute.
     Base positions depend on the parameters of the team, which a log does not contain; they are absent.
-    `colift.analysis.poses.base_positions` computes them.
+    `colift.analysis.poses.base_positions` computes them. Signals of the innovation filter without a present meaning are
+    dropped; the attribute `history` names them.
 
     Args:
         ds: Log of any schema.
@@ -85,11 +91,23 @@ def upgrade(ds: xr.Dataset) -> xr.Dataset:
         names = {old: new for old, new in VARIABLES_OF_SCHEMA_1.items() if old in ds}
         attrs = {ATTRIBUTES_OF_SCHEMA_1.get(name, name): value for name, value in ds.attrs.items()}
         ds = ds.rename(names).drop_attrs(deep=False).assign_attrs(attrs)
-    upgraded = _split_units(ds)
-    history = "; ".join(filter(None, (str(ds.attrs.get("history", "")), f"upgraded from schema {schema}")))
+    dropped = [str(name) for name in ds.data_vars if schema <= 3 and str(name).startswith(DROPPED)]
+    ds = ds.drop_vars(dropped).rename({old: new for old, new in VARIABLES_OF_SCHEMA_3.items() if old in ds})
+    upgraded = _described(ds) if schema == 3 else _split_units(ds)
+    done = f"upgraded from schema {schema}" + (f" without {', '.join(sorted(dropped))}" if dropped else "")
+    history = "; ".join(filter(None, (str(ds.attrs.get("history", "")), done)))
     attrs = {ATTRIBUTES_OF_SCHEMA_2.get(name, name): value for name, value in ds.attrs.items()}
     upgraded.attrs = attrs | {"Conventions": "CF-1.11", "schema": SCHEMA, "history": history}
     return upgraded
+
+
+def _described(ds: xr.Dataset) -> xr.Dataset:
+    """Return a log of schema 3 with the present descriptions of renamed variables."""
+    described = ds.copy()
+    for name in set(VARIABLES_OF_SCHEMA_3.values()) & set(map(str, ds.data_vars)):
+        spec = log_signals.SPECS[name]
+        described[name].attrs |= {"units": spec.units, "frame": spec.frame, "long_name": spec.long_name}
+    return described
 
 
 def _split_units(ds: xr.Dataset) -> xr.Dataset:

@@ -28,12 +28,14 @@ from colift.onboard import interfaces
 from colift.onboard.control import tracking
 from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.estimation.state_estimator import StateEstimate
+from colift.onboard.learning import residual_correction
 from colift.simulation import actuators, contact_dynamics, disturbances, sensors
 from colift.simulation.world import Plant, SimulatedWorld, World
 from colift.trajectories import base
 
 CONTROLLER_PARTS: dict[str, type] = {
     "estimator": interfaces.Estimator,
+    "residual_corrector": residual_correction.ResidualCorrector,
     "residual_predictor": interfaces.ResidualPredictor,
     "payload_controller": interfaces.PayloadController,
     "allocator": interfaces.Allocator,
@@ -43,6 +45,7 @@ CONTROLLER_PARTS: dict[str, type] = {
 """Parts of `LeaderFollowerController` and their interfaces."""
 STATE_ARGUMENT = {
     ("estimator", "update"): 1,
+    ("residual_corrector", "update"): 0,
     ("payload_controller", "compute"): 0,
     ("allocator", "allocate"): 0,
     ("agent_controller", "compute"): 0,
@@ -117,6 +120,7 @@ def _expected_results(team: Team, state: State) -> dict[tuple[str, str], Any]:
     lam = tuple(group.contact_position for group in team.agent_groups)
     return {
         ("estimator", "update"): StateEstimate(agents=state.agents, payload=state.payload, a_L=jnp.zeros(6), lam=lam),
+        ("residual_corrector", "update"): residual_correction.zero_correction(zero_residual(team), jnp.zeros(())),
         ("residual_predictor", "predict"): zero_residual(team),
         ("payload_controller", "compute"): tracking.AccelerationCommand(
             a=vector, alpha=vector, jerk=vector, alpha_dot=vector

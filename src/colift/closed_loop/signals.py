@@ -57,7 +57,7 @@ class StepRecord:
     thrust_saturated: Bool[Array, "*time agents"]  # True if the thrust is at its limit
     lam: Float[Array, "*time contacts 3"]  # N, contact forces on the payload, world
     lam_cmd: Float[Array, "*time contacts 3"]  # N, commanded contact forces, world
-    lam_hat: Float[Array, "*time contacts 3"]  # N, measured contact forces, world
+    lam_hat: Float[Array, "*time contacts 3"]  # N, contact forces as measured or reconstructed, world
     R_L_hat: Float[Array, "*time 3 3"]  # estimated payload attitude, payload to world
     W_d: Float[Array, "*time 6"]  # N world and N m payload frame, desired wrench
     delta_W: Float[Array, "*time 6"]  # N world and N m payload frame, wrench mismatch
@@ -73,17 +73,21 @@ class StepRecord:
     Phi: Float[Array, "*time"]  # m, largest constraint violation
     Phi_dot: Float[Array, "*time"]  # m/s, largest constraint rate
     min_delassus_singular_value: Float[Array, "*time agents"]  # 1/kg, smallest singular value of `A M^-1 A^T` by agent
-    # Only for controllers with an innovation filter
-    innovation_L: Float[Array, "*time 6"] | None = None  # N, N m, payload innovation
-    innovation_x: Float[Array, "*time agents 3"] | None = None  # N, innovation of the agents
-    model_gain_L: Float[Array, "*time 6"] | None = None  # model gain of the payload
-    model_gain_x: Float[Array, "*time agents 3"] | None = None  # model gain of the agents
-    delay_error_L: Float[Array, "*time 6"] | None = None  # N, N m, RMS error due to the label delay
-    delay_error_x: Float[Array, "*time agents 3"] | None = None  # N, RMS error of the agents' labels
-    correction_error_L: Float[Array, "*time 6"] | None = None  # N, N m, RMS error without labels
-    correction_error_x: Float[Array, "*time agents 3"] | None = None  # N, RMS error of the agents without labels
-    correction_weight: Float[Array, "*time"] | None = None  # weight of the current innovation
-    labels_available: Float[Array, "*time"] | None = None  # 1 while labels are available, otherwise 0
+    # Only for controllers with a residual corrector
+    correction_L: Float[Array, "*time 6"] | None = None  # N, N m, correction of the payload, as applied
+    correction_x: Float[Array, "*time agents 3"] | None = None  # N, correction of the agents, as applied
+    correction_std_L: Float[Array, "*time 6"] | None = None  # N, N m, standard deviation with correction
+    correction_std_x: Float[Array, "*time agents 3"] | None = None  # N, standard deviation of the agents
+    correction_weight_L: Float[Array, "*time 6"] | None = None  # applied share of the estimated model error
+    correction_weight_x: Float[Array, "*time agents 3"] | None = None  # applied share of the agents
+    label_L: Float[Array, "*time 6"] | None = None  # N, N m, payload label before the label filter
+    label_x: Float[Array, "*time agents 3"] | None = None  # N, labels of the agents before the label filter
+    model_prediction_L: Float[Array, "*time 6"] | None = None  # N, N m, prediction without correction
+    model_prediction_x: Float[Array, "*time agents 3"] | None = None  # N, prediction of the agents
+    label_valid: Float[Array, "*time"] | None = None  # 1 in periods with recent tip readings, otherwise 0
+    correction_nis: Float[Array, "*time"] | None = (
+        None  # normalized innovation squared, mean of the outputs with a label
+    )
     # Only for allocators with limits
     slack_roll_pitch: Float[Array, "*time"] | None = None  # N, moment over its lever
     slack_z: Float[Array, "*time"] | None = None  # N
@@ -207,7 +211,7 @@ def make_record(
         Phi=jnp.abs(grasp.constraint_residual(team, z)).max(),
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
         min_delassus_singular_value=grasp.min_delassus_singular_value(team, z),
-        **({} if (innovation := telemetry.innovation) is None else _innovation_signals(innovation)),
+        **({} if (correction := telemetry.correction) is None else _correction_signals(correction)),
         **({} if (allocation := telemetry.allocation) is None else _allocation_signals(allocation)),
     )
 
@@ -223,8 +227,8 @@ def _allocation_signals(report: interfaces.AllocationReport) -> dict[str, Array]
     }
 
 
-def _innovation_signals(innovation: residual_correction.Innovation) -> dict[str, Array]:
-    """Return the record fields of the innovation."""
+def _correction_signals(correction: residual_correction.ResidualCorrection) -> dict[str, Array]:
+    """Return the record fields of the correction."""
 
     def parts(forces: ResidualForces) -> tuple[Array, Array]:
         return jnp.concatenate([forces.payload.F, forces.payload.tau]), jnp.concatenate(
@@ -232,18 +236,16 @@ def _innovation_signals(innovation: residual_correction.Innovation) -> dict[str,
         )
 
     signals = {
-        "innovation": innovation.r,
-        "model_gain": innovation.model_gain,
-        "delay_error": innovation.delay_error_rms,
-        "correction_error": innovation.correction_error_rms,
+        "correction": correction.error,
+        "correction_std": correction.std,
+        "correction_weight": correction.weight,
+        "label": correction.label,
+        "model_prediction": correction.prediction,
     }
     split = {
         f"{name}_{body}": x for name, forces in signals.items() for body, x in zip("Lx", parts(forces), strict=True)
     }
-    return split | {
-        "correction_weight": innovation.correction_weight,
-        "labels_available": innovation.labels_available,
-    }
+    return split | {"label_valid": correction.label_valid, "correction_nis": correction.nis}
 
 
 def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:

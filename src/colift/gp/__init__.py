@@ -10,6 +10,7 @@ Modules:
     fitting: Hyperparameters from data (host).
     posterior: Conditioning, prediction, and insertion or removal of single points.
     semiparametric: GPs with a mean function that is linear in shared parameters (host).
+    time_variation: Changes of a function with time (host).
     dataset: Selection policies of a fixed budget, and update schedules.
     subset_selection: Selection of a subset of data by information (host).
     serialization: Storage of a posterior in a file.
@@ -61,12 +62,14 @@ from colift.gp.posterior import (
     rkhs_norm,
     variance,
 )
-from colift.gp.semiparametric import SemiparametricFit, fit_semiparametric
+from colift.gp.semiparametric import SemiparametricFit, estimate_parameters, fit_semiparametric
 from colift.gp.serialization import load_gp, save_gp
 from colift.gp.subset_selection import select_subset
+from colift.gp.time_variation import JUMP_SHARE, TimeVariation, function_covariance
 
 __all__ = [
     "INACTIVE_LENGTHSCALE",
+    "JUMP_SHARE",
     "Dataset",
     "FitResult",
     "GPPosterior",
@@ -80,6 +83,7 @@ __all__ = [
     "SelectionPolicy",
     "SemiparametricFit",
     "SquaredExponential",
+    "TimeVariation",
     "append",
     "column_std",
     "concatenate_fits",
@@ -87,10 +91,12 @@ __all__ = [
     "ellipsoid",
     "empty_dataset",
     "error_bounds",
+    "estimate_parameters",
     "fit",
     "fit_semiparametric",
     "fit_shared",
     "from_expansion",
+    "function_covariance",
     "gram_matrices",
     "information_gain",
     "keep_first",

@@ -81,7 +81,13 @@ def prior(hyper: Hyperparameters, capacity: int) -> GPPosterior:
     )
 
 
-def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, capacity: int | None = None) -> GPPosterior:
+def condition(
+    X: ArrayLike,
+    Y: ArrayLike,
+    hyper: Hyperparameters,
+    capacity: int | None = None,
+    noise_covariance: ArrayLike | None = None,
+) -> GPPosterior:
     """Condition a GP on data (host, O(N^3)).
 
     Args:
@@ -89,6 +95,7 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, capacity: int 
         Y: Labels, `(N, outputs)`.
         hyper: Hyperparameters.
         capacity: Maximum number of points; default: N.
+        noise_covariance: Covariance of correlated noise, `(outputs, N, N)`, in addition to `noise_variance`.
 
     Returns:
         Posterior.
@@ -112,7 +119,10 @@ def condition(X: ArrayLike, Y: ArrayLike, hyper: Hyperparameters, capacity: int 
     alpha = np.zeros((m, capacity))
     with single_thread_blas(N):
         for i in range(m):
-            L, info = dpotrf(gram_matrix(X, s[i], ls[i], v[i], hyper.kernel).T, lower=1, overwrite_a=1)
+            K = gram_matrix(X, s[i], ls[i], v[i], hyper.kernel)
+            if noise_covariance is not None:
+                K += np.asarray(noise_covariance)[i]
+            L, info = dpotrf(K.T, lower=1, overwrite_a=1)
             if info:
                 raise ValueError(f"output {i}: " + conditioning_error_message(N, s[i], v[i]))
             W_i, _ = dtrtri(L, lower=1, overwrite_c=1)

@@ -3,6 +3,8 @@
 `y_i(x) = phi_i(x) theta + f_i(x) + noise` with `theta ~ N(0, diag(prior)^2)`. Parameters and hyperparameters are fitted
 together; the GP is then conditioned on `Y - Phi theta`. The basis values are arguments of the functions. The caller
 defines their meaning, for example mass, first moments or drag (Rasmussen and Williams 2006, Section 2.7).
+
+With a `TimeVariation`, theta and f change with time. The fitted values are those at the present.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ from colift.gp.likelihood import (
     single_thread_blas,
     squared_distances,
 )
+from colift.gp.time_variation import RATE_BOUNDS, RATE_SPREAD, TimeVariation, function_covariance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +48,8 @@ class SemiparametricFit:
     """Evaluations of the likelihood and its gradient."""
     converged: bool
     """True if the tolerance was met within `max_iterations`."""
+    rate: float | None
+    """Rate of the random walks [1/s]; None without a time variation."""
 
 
 def fit_semiparametric(
@@ -57,6 +62,8 @@ def fit_semiparametric(
     *,
     start: Hyperparameters | None = None,
     max_iterations: int = 100,
+    variation: TimeVariation | None = None,
+    start_rate: float | None = None,
 ) -> SemiparametricFit:
     """Fit the hyperparameters by MAP estimation with theta marginalized, and theta by its posterior mean.
 
@@ -73,6 +80,8 @@ def fit_semiparametric(
         hyperprior: Prior of the hyperparameters.
         start: Start in place of the prior's median.
         max_iterations: Maximum number of iterations.
+        variation: Changes of theta and f with time; None for constant ones.
+        start_rate: Start of the rate in place of its median [1/s].
 
     Returns:
         Fitted parameters and hyperparameters.
@@ -83,29 +92,72 @@ def fit_semiparametric(
     starts = centers if start is None else [part.log_parameters(start) for part in parts]
     # the log of a variance is twice the log of its deviation
     deviation = np.log(hyperprior.scale_factor) * np.tile([2.0, 1.0, 2.0], len(parts))
+    bounds = np.concatenate([part.bounds for part in parts])
+    if variation is not None:
+        centers, starts = [*centers, _log(variation.median_rate)], [*starts, _log(start_rate or variation.median_rate)]
+        deviation, bounds = np.append(deviation, np.log(RATE_SPREAD)), np.vstack([bounds, np.log(RATE_BOUNDS)])
     center, kernel = np.concatenate(centers), hyperprior.median.kernel
 
     def negative(t: np.ndarray) -> tuple[float, np.ndarray]:
-        value, slope, _, _ = log_marginal_likelihood(t, parts, Y, Phi, prior, kernel)
+        value, slope, _, _ = log_marginal_likelihood(t, parts, Y, Phi, prior, kernel, variation)
         off = (t - center) / deviation
         return 0.5 * float(off @ off) - value, off / deviation - slope
 
-    bounds = np.concatenate([part.bounds for part in parts])
     options = {"maxiter": max_iterations, "ftol": FTOL, "gtol": GTOL}
     with single_thread_blas(len(X)):
         first = np.clip(np.concatenate(starts), *bounds.T)
         found = minimize(negative, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        _, _, theta, covariance = log_marginal_likelihood(found.x, parts, Y, Phi, prior, kernel)
-        likelihood = _output_log_likelihoods(found.x, parts, Y - Phi @ theta, kernel)
+        _, _, theta, covariance = log_marginal_likelihood(found.x, parts, Y, Phi, prior, kernel, variation)
+        logs = found.x[: 3 * len(parts)]
+        likelihood = _output_log_likelihoods(logs, parts, Y - Phi @ theta, kernel)
     return SemiparametricFit(
-        hyper=_hyperparameters(found.x, parts, X.shape[1], kernel),
+        hyper=_hyperparameters(logs, parts, X.shape[1], kernel),
         theta=theta,
         covariance=covariance,
         log_likelihood=likelihood,
         num_evaluations=found.nfev,
         # a line search that stalls by rounding ends near GTOL on some processors; its optimum is as good
         converged=bool(found.success) or float(np.abs(found.jac).max()) <= 10 * GTOL,
+        rate=None if variation is None else float(np.exp(found.x[-1])),
     )
+
+
+def _log(x: float) -> np.ndarray:
+    """Return the logarithm of a number as an array of one element."""
+    return np.log([x])
+
+
+def estimate_parameters(
+    X: np.ndarray,
+    Y: np.ndarray,
+    Phi: np.ndarray,
+    prior: np.ndarray,
+    hyper: Hyperparameters,
+    noise_covariance: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Estimate theta for given hyperparameters: `theta = A^-1 Phi^T K^-1 y` (`log_marginal_likelihood`).
+
+    Args:
+        X: Inputs, `(N, dimensions)`.
+        Y: Labels, `(N, outputs)`.
+        Phi: Basis values, `(N, outputs, parameters)`.
+        prior: Prior standard deviation of each parameter.
+        hyper: Hyperparameters of these outputs, and of further ones that are ignored.
+        noise_covariance: Covariance of correlated noise, `(outputs, N, N)`.
+
+    Returns:
+        Posterior mean and covariance of theta.
+    """
+    A, b = np.diag(1 / prior**2), np.zeros(len(prior))
+    with single_thread_blas(len(X)):
+        for i in range(Y.shape[1]):
+            K = function_covariance(X, hyper, i) + noise_covariance[i]
+            K.flat[:: len(K) + 1] += float(hyper.noise_variance[i])
+            T = cho_solve(cho_factor(K, lower=True), Phi[:, i])
+            A += Phi[:, i].T @ T
+            b += T.T @ Y[:, i]
+        factor = cho_factor(A, lower=True)
+        return cho_solve(factor, b), cho_solve(factor, np.eye(len(prior)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,21 +209,29 @@ def _output_group(X: np.ndarray, outputs: list[int], hyperprior: HyperPrior) -> 
 
 
 def log_marginal_likelihood(
-    t: np.ndarray, parts: Sequence[OutputGroup], Y: np.ndarray, Phi: np.ndarray, prior: np.ndarray, kernel: Kernel
+    t: np.ndarray,
+    parts: Sequence[OutputGroup],
+    Y: np.ndarray,
+    Phi: np.ndarray,
+    prior: np.ndarray,
+    kernel: Kernel,
+    variation: TimeVariation | None = None,
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
     """Compute `log N(y; 0, C)` with `C = K + Phi diag(prior)^2 Phi^T`, its gradient, and the posterior of theta.
 
     With `A = diag(prior)^-2 + Phi^T K^-1 Phi`: `theta = A^-1 Phi^T K^-1 y`, `C^-1 y = K^-1 (y - Phi theta)`,
     `|C| = |K| |A| |diag(prior)|^2`, and the gradient is `1/2 tr((a a^T - C^-1) dK/dt)`, `a = C^-1 y`,
-    `C^-1 = K^-1 - K^-1 Phi A^-1 Phi^T K^-1` (Rasmussen and Williams 2006, Section 2.7 and Eq. 5.9).
+    `C^-1 = K^-1 - K^-1 Phi A^-1 Phi^T K^-1` (Rasmussen and Williams 2006, Section 2.7 and Eq. 5.9). K contains the
+    covariance of the changes with time.
 
     Args:
-        t: Logarithms `(log s, log factor, log v)` of each group.
+        t: Logarithms `(log s, log factor, log v)` of each group, then `log rho` if there is a time variation.
         parts: Groups of outputs.
         Y: Labels, `(N, outputs)`.
         Phi: Basis values, `(N, outputs, parameters)`.
         prior: Prior standard deviation of each parameter.
         kernel: Correlation function.
+        variation: Changes of theta and f with time; None for constant ones.
 
     Returns:
         Value [nats], gradient, and mean and covariance of theta.
@@ -181,33 +241,45 @@ def log_marginal_likelihood(
     """
     N, p = len(Y), len(prior)
     A, b, log_det, factors = np.diag(1 / prior**2), np.zeros(p), 2 * np.log(prior).sum(), []
-    for part, (s, factor, v) in zip(parts, np.exp(t).reshape(-1, 3), strict=True):
+    rate = 0.0 if variation is None else float(np.exp(t[-1]))
+    of_f, of_theta = (0.0, 0.0) if variation is None else variation.weights(rate)
+    B = np.zeros(Y.shape[1]) if variation is None else variation.parameter_covariance(Phi, prior)
+    for k, part in enumerate(parts):
+        s, factor, v = np.exp(t[3 * k : 3 * k + 3])
         E, slope = kernel.numpy_value_and_slope(part.r2 / factor**2)
-        L, info = dpotrf((s * E + v * np.eye(N)).T, lower=1, clean=1)
-        if info:
-            raise ValueError(conditioning_error_message(N, s, v))
-        log_det += len(part.outputs) * 2 * np.log(np.diagonal(L)).sum()
-        P, _ = dpotri(L, lower=1)
-        P = np.tril(P) + np.tril(P, -1).T
-        T = np.einsum("ab,bqp->aqp", P, Phi[:, part.outputs], optimize=True)  # K^-1 Phi
-        A += np.einsum("aqp,aqr->pr", Phi[:, part.outputs], T, optimize=True)
-        b += np.einsum("aqp,aq->p", T, Y[:, part.outputs], optimize=True)
-        factors.append((E, slope, P, T))
+        shared = s * E * (1 + of_f) + v * np.eye(N)
+        inverse = None
+        for q in part.outputs:
+            if inverse is None or variation is not None:  # outputs of a group differ by the changes of theta only
+                L, info = dpotrf((shared + of_theta * B[q]).T, lower=1, clean=1)
+                if info:
+                    raise ValueError(conditioning_error_message(N, s, v))
+                inverse, _ = dpotri(L, lower=1)
+                inverse = np.tril(inverse) + np.tril(inverse, -1).T
+            log_det += 2 * np.log(np.diagonal(L)).sum()
+            T = inverse @ Phi[:, q]  # K^-1 Phi
+            A += Phi[:, q].T @ T
+            b += T.T @ Y[:, q]
+            factors.append((k, q, E, slope, inverse, T))
     factor_A = cho_factor(A, lower=True)
     theta, covariance = cho_solve(factor_A, b), cho_solve(factor_A, np.eye(p))
     log_det += 2 * np.log(np.diagonal(factor_A[0])).sum()
-    value, gradient = -0.5 * (log_det + Y.size * LOG_2PI), np.empty(len(t))
-    for k, (part, (E, slope, P, T)) in enumerate(zip(parts, factors, strict=True)):
+    value, gradient = -0.5 * (log_det + Y.size * LOG_2PI), np.zeros(len(t))
+    for k, q, E, slope, inverse, T in factors:
         s, factor, v = np.exp(t[3 * k : 3 * k + 3])
-        R = Y[:, part.outputs] - Phi[:, part.outputs] @ theta
-        a = P @ R
-        value -= 0.5 * float(np.vdot(Y[:, part.outputs], a))
-        M = a @ a.T - len(part.outputs) * P + np.einsum("aqp,pr,bqr->ab", T, covariance, T, optimize=True)
-        gradient[3 * k : 3 * k + 3] = (
-            0.5 * s * np.vdot(M, E),
-            0.5 * s * np.vdot(M, slope * part.r2) / factor**2,
+        R = Y[:, q] - Phi[:, q] @ theta
+        a = inverse @ R
+        value -= 0.5 * float(Y[:, q] @ a)
+        M = np.outer(a, a) - inverse + T @ covariance @ T.T
+        weighted = M * (1 + of_f)
+        gradient[3 * k : 3 * k + 3] += (
+            0.5 * s * np.vdot(weighted, E),
+            0.5 * s * np.vdot(weighted, slope * parts[k].r2) / factor**2,
             0.5 * v * np.trace(M),
         )
+        if variation is not None:
+            walk = rate * np.minimum(variation.age[:, None], variation.age[None])
+            gradient[-1] += 0.5 * np.vdot(M * walk, s * E + B[q])
     return value, gradient, theta, covariance
 
 

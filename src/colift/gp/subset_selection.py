@@ -11,7 +11,7 @@ from colift.gp.hyperparameters import Hyperparameters
 from colift.gp.likelihood import conditioning_error_message, gram_matrix, single_thread_blas
 
 
-def select_subset(X: ArrayLike, hyper: Hyperparameters, budget: int, noise: ArrayLike, first: ArrayLike) -> np.ndarray:
+def select_subset(X: ArrayLike, hyper: Hyperparameters, budget: int, noise: ArrayLike) -> np.ndarray:
     """Select points by greedy removal of the point with the least information given the others.
 
     The information of point k is `I(y; f) - I(y_{-k}; f) = -1/2 sum_i log(v_ik P_ikk)` [nats], summed over outputs,
@@ -23,39 +23,32 @@ def select_subset(X: ArrayLike, hyper: Hyperparameters, budget: int, noise: Arra
         hyper: Hyperparameters.
         budget: Maximum number of points to keep.
         noise: Factor of the noise variance of each point for the selection, `(N,)`.
-        first: Points that are removed before any other point, `(N,)`.
 
     Returns:
         Whether each point is kept, `(N,)`.
     """
-    X, noise, removable = np.asarray(X, float), np.asarray(noise, float), np.asarray(first, bool)
+    X, noise = np.asarray(X, float), np.asarray(noise, float)
     kept = np.ones(len(X), bool)
-    if removable.sum() <= len(X) - budget:  # all removable points are removed
-        kept, removable = ~removable, ~removable
-    if kept.sum() > budget:
+    if len(X) > budget:
         with single_thread_blas(len(X)):
-            kept[_redundant_points(X, hyper, int(kept.sum()) - budget, noise, removable, kept)] = False
+            kept[_redundant_points(X, hyper, len(X) - budget, noise)] = False
     return kept
 
 
-def _redundant_points(
-    X: np.ndarray, hyper: Hyperparameters, num_removed: int, noise: np.ndarray, removable: np.ndarray, kept: np.ndarray
-) -> np.ndarray:
-    """Return the indices of the points to remove."""
-    candidates, submatrix = np.flatnonzero(removable), removable[kept]
+def _redundant_points(X: np.ndarray, hyper: Hyperparameters, num_removed: int, noise: np.ndarray) -> np.ndarray:
+    """Return whether each point is removed."""
     # outputs with equal hyperparameters share an inverse
     kinds, outputs = np.unique(_output_parameters(hyper), axis=0, return_counts=True)
-    P = [_inverse(X[kept], noise[kept], kind, hyper)[np.ix_(submatrix, submatrix)] for kind in kinds]
-    P = [np.asfortranarray(p) for p in P]
-    v, removed = noise[candidates], np.zeros(len(candidates), bool)
+    P = [np.asfortranarray(_inverse(X, noise, kind, hyper)) for kind in kinds]
+    removed = np.zeros(len(X), bool)
     for _ in range(num_removed):
-        left_out = np.stack([p.diagonal() for p in P]) * kinds[:, 1:2] * v
+        left_out = np.stack([p.diagonal() for p in P]) * kinds[:, 1:2] * noise
         k = int(np.argmin(np.where(removed, np.inf, -outputs @ np.log(np.where(removed, 1.0, left_out)))))
         for i, p in enumerate(P):  # the inverse without row and column k
             row = np.concatenate([p[k, :k], p[k:, k]])
             P[i] = dsyr(-1 / row[k], row, lower=1, a=p, overwrite_a=1)
         removed[k] = True
-    return candidates[removed]
+    return removed
 
 
 def _output_parameters(hyper: Hyperparameters) -> np.ndarray:

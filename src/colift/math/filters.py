@@ -44,7 +44,7 @@ def smoothing_factor(hertz: Float[Array, "*corners"], dt: Scalar) -> Float[Array
     return -jnp.expm1(-2 * jnp.pi * hertz * dt)
 
 
-def initial_smoothing_factor(initialized: Scalar, b: Scalar) -> Scalar:
+def initial_smoothing_factor(initialized: Scalar, b: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Return the smoothing factor b, or 1 for the first sample, so that a filter starts at its first sample.
 
     Args:
@@ -54,7 +54,7 @@ def initial_smoothing_factor(initialized: Scalar, b: Scalar) -> Scalar:
     return 1 + initialized * (b - 1)
 
 
-def irregular_smoothing_factor(b: Scalar, ticks: Scalar) -> Scalar:
+def irregular_smoothing_factor(b: Scalar, ticks: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     """Compute the smoothing factor for a sample n periods after the previous one.
 
     `b_n^2 / (1 - b_n) = n b^2 / (1 - b)`: the steady-state Kalman gain for a random walk sampled every n periods. The

@@ -141,6 +141,18 @@ def split_agent_force(y: Float[Array, "agents outputs"]) -> GeneralizedForce:
     return GeneralizedForce(f_x=y[:, :3], f_w=y[:, 3:6], f_r=y[:, 6:])
 
 
+def flatten_agent_force(f: GeneralizedForce) -> Float[Array, "*agents outputs"]:
+    """Concatenate a generalized force, the inverse of `split_agent_force`.
+
+    Args:
+        f: Generalized force on an agent or a group.
+
+    Returns:
+        `(f_x, f_w, f_r)` [N, N m].
+    """
+    return jnp.concatenate([f.f_x, f.f_w, f.f_r], axis=-1)
+
+
 def add_payload_wrench(f: ResidualForces, W: Float[Array, "6"]) -> ResidualForces:
     """Add a wrench to the residual of the payload.
 

@@ -30,6 +30,7 @@ from colift.models.state import (
     State,
     TeamInputs,
     Wrench,
+    zero_residual,
 )
 from colift.onboard.control import preview, tracking
 from colift.onboard.control.actuator_compensation import NoCompensation
@@ -130,8 +131,9 @@ class ControllerState:
         control_law: States of predictor, payload controller, allocator and agent controller.
         last_command: Commands of the previous control period, after the thrust limit.
         actuator: State of the actuator compensator.
-        innovation: State of the innovation filter; None without the filter.
+        corrector: State of the residual corrector; None without a corrector.
         last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
+        last_f_hat: Residual forces compensated in the previous control period.
         last_shortfall: Achieved minus commanded payload acceleration of the previous control period [m/s^2 world,
             rad/s^2 payload frame]; None if the allocator has no limits.
         initialized: 0 before the first control period, 1 afterwards.
@@ -142,8 +144,9 @@ class ControllerState:
     control_law: ControlLawState
     last_command: TeamInputs
     actuator: PartState
-    innovation: residual_correction.InnovationState | None
+    corrector: PartState
     last_wrench: Wrench
+    last_f_hat: ResidualForces
     last_shortfall: Float[Array, "6"] | None
     initialized: Scalar
 
@@ -184,7 +187,7 @@ class LeaderFollowerController:
         allocator: Distribution of the payload wrench to contact forces.
         agent_controller: Controller of the agents.
         actuator_compensator: Compensation of the actuator dynamics; by default none.
-        innovation_filter: Filter of the residual model's innovation; None disables it.
+        residual_corrector: Estimator of the error of the residual model; None disables it.
         preview_step: Interval between the times at which the control law is evaluated on the reference [s], such as
             `colift.onboard.control.preview.PREVIEW_STEP`; None disables the preview.
 
@@ -207,7 +210,7 @@ class LeaderFollowerController:
     allocator: Allocator
     agent_controller: AgentController
     actuator_compensator: ActuatorCompensator = NoCompensation()
-    innovation_filter: residual_correction.InnovationFilter | None = None
+    residual_corrector: residual_correction.ResidualCorrector | None = None
     preview_step: Scalar | None = None
 
     def init(self, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, ControllerState]:
@@ -230,12 +233,13 @@ class LeaderFollowerController:
             control_law=self.init_control_law(),
             last_command=zero,
             actuator=self.actuator_compensator.init(zero),
-            innovation=None if self.innovation_filter is None else self.innovation_filter.init(self.team),
+            corrector=None if self.residual_corrector is None else self.residual_corrector.init(self.team),
             last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+            last_f_hat=zero_residual(self.team),
             last_shortfall=None,
             initialized=jnp.zeros(()),
         )
-        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, clock)
+        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
         context = ControlContext(
             team=self.team,
             clock=clock,
@@ -244,9 +248,9 @@ class LeaderFollowerController:
             setpoint=self.reference.evaluate(clock.t),
             last_wrench=state.last_wrench,
             initialized=state.initialized,
-            innovation=None
-            if self.innovation_filter is None
-            else residual_correction.zero_innovation(self.team, clock.t),
+            correction=None
+            if self.residual_corrector is None
+            else residual_correction.zero_correction(zero_residual(self.team), clock.t),
         )
         hover, _, telemetry = self.control_law(state.control_law, context)
         return hover, dataclasses.replace(
@@ -279,7 +283,9 @@ class LeaderFollowerController:
             The command until the next control period, the next state, and intermediate results for the log.
         """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
-        estimate, estimator_state = self.estimator.update(self.team, state.estimator, measurement, applied, clock)
+        estimate, estimator_state = self.estimator.update(
+            self.team, state.estimator, measurement, applied, state.last_f_hat, clock
+        )
         setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
             team=self.team,
@@ -291,13 +297,11 @@ class LeaderFollowerController:
             initialized=state.initialized,
             last_shortfall=state.last_shortfall,
         )
-        innovation_state = state.innovation
-        if self.innovation_filter is not None:
-            assert innovation_state is not None  # for the type checker: `init` sets it with the filter
-            innovation_state, innovation = self.innovation_filter.update(
-                innovation_state, self.team, self.residual_model, estimate, clock
-            )
-            context = dataclasses.replace(context, innovation=innovation)
+        corrector = state.corrector
+        if self.residual_corrector is not None:
+            observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
+            correction, corrector = self.residual_corrector.update(corrector, observation, clock)
+            context = dataclasses.replace(context, correction=correction)
         predictor = self.residual_predictor.update(state.control_law.predictor, self.residual_model, context)
         requested, control_law, telemetry = self.control_law(
             dataclasses.replace(state.control_law, predictor=predictor), context
@@ -306,11 +310,12 @@ class LeaderFollowerController:
         state = ControllerState(
             estimator=estimator_state,
             recorder=self.recorder.record(state.recorder, measurement, estimate.sample, clock.t),
-            innovation=innovation_state,
+            corrector=corrector,
             control_law=control_law,
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
+            last_f_hat=telemetry.f_hat,
             last_shortfall=telemetry.shortfall,
             initialized=jnp.ones(()),
         )
@@ -343,7 +348,7 @@ class LeaderFollowerController:
             f_hat=demand.f_hat,
             eta=demand.forces.eta,
             saturated=saturated,
-            innovation=context.innovation,
+            correction=context.correction,
             allocation=demand.forces.report,
             shortfall=demand.shortfall,
         )

@@ -9,7 +9,7 @@ One control period of ``LeaderFollowerController``, in the order of the calls:
 1   ``ActuatorCompensator.effective_command``        inputs that were in effect since the previous period
 2   ``Estimator.update``                             state estimate and training sample
 3   ``ReferenceTrajectory.evaluate``                 setpoint of the payload
-4   ``InnovationFilter.update``                      innovation of the residual model (optional part)
+4   ``ResidualCorrector.update``                     error of the residual model (optional part)
 5   ``ResidualPredictor.update``                     state of the predictor
 6   ``PayloadController.compute``                    commanded payload acceleration
 7   ``ResidualPredictor.predict``                    predicted residuals ``f_hat``
@@ -99,7 +99,7 @@ class ControlContext:
             without sensors, as in a linearization.
         estimate: Estimated state. Agents: attitude, center of mass [m, world], joint positions [rad or m], and their
             rates. Payload: pose and twist. Also the payload acceleration ``a_L`` and the contact forces on the payload
-            ``lam`` [N, world].
+            ``lam`` [N, world], as measured or reconstructed.
         setpoint: Desired payload pose at ``clock.t`` with its derivatives: ``p`` to ``j`` in the world frame [m to
             m/s^3], ``omega`` and ``omega_dot`` in the desired payload frame [rad/s, rad/s^2].
         last_wrench: Desired payload wrench of the previous period: force [N, world] and moment [N m, payload frame].
@@ -107,7 +107,7 @@ class ControlContext:
         initialized: 0 in the first period, 1 afterwards. Differences and filters start with the second period.
         preview: Control law evaluated on the reference at times around ``clock.t``. Set for ``AgentController.compute``
             if the controller has a ``preview_step``; None otherwise.
-        innovation: Innovation of the residual model [N, N m]. None if the controller has no ``innovation_filter``.
+        correction: Estimated error of the residual model [N, N m]. None without a ``residual_corrector``.
         last_shortfall: Achieved minus commanded payload acceleration of the previous period [m/s^2 world, rad/s^2
             payload frame], for anti-windup. None if the allocator has no limits.
         is_preview: True in evaluations for the preview, where an allocator may neglect limits to save time.
@@ -121,7 +121,7 @@ class ControlContext:
     last_wrench: Wrench
     initialized: Scalar
     preview: TeamPreview | None = None
-    innovation: residual_correction.Innovation | None = None
+    correction: residual_correction.ResidualCorrection | None = None
     last_shortfall: Float[Array, "6"] | None = None
     is_preview: bool = static(default=False)
 
@@ -219,7 +219,7 @@ class Telemetry:
         f_hat: Predicted residuals of agents and payload.
         eta: Internal-force input [N].
         saturated: Agents whose thrust command was limited.
-        innovation: Innovation of the residual model; None if the controller has no innovation filter.
+        correction: Estimated error of the residual model; None without a ``residual_corrector``.
         allocation: Limits that act in the allocation; None for an allocator without limits.
         shortfall: Achieved minus commanded payload acceleration [m/s^2 world, rad/s^2 payload frame]; None for an
             allocator without limits.
@@ -232,7 +232,7 @@ class Telemetry:
     f_hat: ResidualForces
     eta: Float[Array, " eta"]
     saturated: SaturationFlags
-    innovation: residual_correction.Innovation | None = None
+    correction: residual_correction.ResidualCorrection | None = None
     allocation: AllocationReport | None = None
     shortfall: Float[Array, "6"] | None = None
 
@@ -303,7 +303,13 @@ class Estimator(Protocol):
         ...
 
     def update(
-        self, team: Team, state: PartState, measurement: Measurement, applied: TeamInputs, clock: ControlClock
+        self,
+        team: Team,
+        state: PartState,
+        measurement: Measurement,
+        applied: TeamInputs,
+        f_hat: ResidualForces,
+        clock: ControlClock,
     ) -> tuple[StateEstimate, PartState]:
         """Update the estimate with the readings of one control period.
 
@@ -313,6 +319,8 @@ class Estimator(Protocol):
             measurement: Readings of this control period.
             applied: Inputs in effect since the previous control period: thrust [N], body torque [N m, body frame],
                 joint torques or forces [N m or N].
+            f_hat: Residual forces compensated in the previous control period; zero before the first one. They replace
+                tip force readings that are missing.
             clock: Time and control period [s].
 
         Returns:
@@ -325,7 +333,7 @@ class Estimator(Protocol):
 class ResidualPredictor(Protocol):
     """Prediction of the residual forces ``f_hat`` that the controller compensates.
 
-    Implementations: ``LearnedResidual``, ``DisturbanceObserver``, ``InnovationCorrection`` and ``TrueResidual`` in
+    Implementations: ``LearnedResidual``, ``DisturbanceObserver``, ``CorrectedResidual`` and ``TrueResidual`` in
     ``colift.onboard.learning.residual_predictors``.
     """
 

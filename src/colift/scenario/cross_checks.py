@@ -345,7 +345,7 @@ def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def log_size(data: dict[str, Any]) -> int:
     """Return an upper bound of the number of values per tick in the log."""
-    return 99 + 49 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
+    return 102 + 51 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
 
 
 def model_outputs(data: dict[str, Any]) -> int:

@@ -138,6 +138,17 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     return {case: _case_experiment(case, c1, settings) for case in cases}
 
 
+def _identification_options(settings: Scenario, team: Team) -> online_learner.IdentificationOptions:
+    """Return the options of the identification of inertial parameters."""
+    tuning, noise = settings.baselines, settings.learning.payload.noise_std
+    prior = [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
+    return online_learner.IdentificationOptions(
+        label_std=np.array([noise.force_N] * 3 + [noise.moment_Nm] * 3),
+        prior_std=np.array(prior),
+        nominal_payload=team.payload,
+    )
+
+
 def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> flight.Experiment:
     """Return the experiment of a case, from the experiment of case C1."""
     tuning, given = settings.baselines, settings.learning
@@ -178,23 +189,18 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
                 controller,
                 residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, tuning.ridge_alpha),
             )
-        case "label_feedback" | "gp_label_feedback" | "adaptive":
-            controller = controllers.with_innovation_filter(
-                settings, controllers.with_preview(controller), hold_correction=case != "adaptive"
-            )
-    prior = np.array(
-        [tuning.mass_prior_std_kg, *[tuning.first_moment_prior_std_kgm] * 3, *[tuning.inertia_prior_std_kgm2] * 6]
-    )
-    noise = np.array([given.payload.noise_std.force_N] * 3 + [given.payload.noise_std.moment_Nm] * 3)
-    parameters = online_learner.IdentificationOptions(
-        label_std=noise, prior_std=prior, nominal_payload=controller.team.payload
-    )
+        case "label_feedback" | "gp_label_feedback":
+            corrector = controllers.label_low_pass(settings)
+            controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
+        case "adaptive":
+            corrector = controllers.residual_kalman_filter(settings, controller.team)
+            controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
     experiment = dataclasses.replace(
         c1,
         controller=controller,
         update_times=given.update_times_s if learned else (),
         identification={
-            "parametric": parameters,
+            "parametric": _identification_options(settings, controller.team),
             "regression": online_learner.RidgeOptions(ridge=tuning.ridge_alpha),
         }.get(case),
     )
@@ -221,7 +227,6 @@ def _with_online_updates(experiment: flight.Experiment, settings: Scenario) -> f
         fit_options=priors.position_only_options(settings, experiment.controller.team),
         online_updates=online_learner.OnlineUpdateOptions(
             times=tuple(times.tolist()),
-            min_samples=min(online_learner.OnlineUpdateOptions.min_samples, given.max_samples),
             mean_prior=priors.mean_prior(settings, experiment.controller.team),
         ),
     )

@@ -15,20 +15,14 @@ from colift.scenario.errors import Location, ScenarioError
 
 _LEARNING = "colift.onboard.learning"
 
-CONSTANTS: dict[str, tuple[float, str]] = {
+CONSTANTS: dict[str, tuple[float, str | None]] = {
     "online_correction.lead_time_s": (
         0.02,
-        f"the field lead_time of {_LEARNING}.residual_predictors.InnovationCorrection",
+        f"the field lead_time of {_LEARNING}.residual_predictors.CorrectedResidual",
     ),
-    "online_correction.hold_time_s": (0.2, f"the field hold_time of {_LEARNING}.residual_correction.InnovationFilter"),
-    "online_correction.averaging_time_s": (
-        0.5,
-        f"the field averaging_time of {_LEARNING}.residual_correction.InnovationFilter",
-    ),
-    "online_correction.nis_threshold": (
-        3.0,
-        f"the field nis_threshold of {_LEARNING}.online_learner.OnlineUpdateOptions",
-    ),
+    "online_correction.hold_time_s": (0.2, None),
+    "online_correction.averaging_time_s": (0.5, None),
+    "online_correction.nis_threshold": (3.0, None),
     "online_correction.preview_step_s": (
         0.03,
         "the field preview_step of colift.onboard.controller.LeaderFollowerController",
@@ -50,7 +44,11 @@ CONSTANTS: dict[str, tuple[float, str]] = {
         "the argument center_std of colift.scenario.random_residuals.sample_residuals",
     ),
 }
-"""Former setting to its default, and to the field or argument that replaces it."""
+"""Former setting to its default, and to the field or argument that replaces it.
+
+None: no parameter replaces it. `ResidualKalmanFilter` corrects the residual model without a hold time and without
+running moments of labels.
+"""
 
 MOVED = {
     "online_correction.update_period_s": "learning.update_period_s",
@@ -86,6 +84,15 @@ FORMER_RIG_LABEL_ERROR = 0.1
 """Former default of `learning.rig_label_error`, which had an effect with label source `calibration_rig` only."""
 
 
+def remedy(field: str | None) -> str:
+    """State what to do with a setting that no longer exists.
+
+    Args:
+        field: Field or argument that replaces the setting; None if nothing replaces it.
+    """
+    return "remove it; no parameter replaces it" if field is None else f"remove it, and set {field} in Python"
+
+
 def relocation_hint(location: Location, value: Any) -> str | None:
     """Describe where a former setting is now.
 
@@ -103,7 +110,7 @@ def relocation_hint(location: Location, value: Any) -> str | None:
         return "; ".join(["is no longer a section", *known])
     for former, (_, field) in CONSTANTS.items():
         if _is_at(former, path):
-            return f"is no longer a setting: remove it, and set {field} in Python"
+            return f"is no longer a setting: {remedy(field)}"
     for former, present in _successors().items():
         if _is_at(former, path):
             return f"is now {present}"

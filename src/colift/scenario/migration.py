@@ -22,7 +22,7 @@ from ruamel.yaml.error import YAMLError
 
 from colift.scenario import yaml_tree
 from colift.scenario.errors import ScenarioError, format_value
-from colift.scenario.former_settings import CONSTANTS, restructure, successor
+from colift.scenario.former_settings import CONSTANTS, remedy, restructure, successor
 
 SCHEMA = 2
 """Schema that this version reads and writes."""
@@ -243,7 +243,7 @@ VALUES: dict[tuple[str, str], dict[str, str]] = {
 
 _LEARNING, _CONTROL = "colift.onboard.learning", "colift.onboard.control"
 
-REMOVED: dict[tuple[str, str], tuple[Any, str]] = {
+REMOVED: dict[tuple[str, str], tuple[Any, str | None]] = {
     ("innovation", "lead_s"): CONSTANTS["online_correction.lead_time_s"],
     ("innovation", "hold_s"): CONSTANTS["online_correction.hold_time_s"],
     ("innovation", "span_s"): CONSTANTS["online_correction.averaging_time_s"],
@@ -253,16 +253,16 @@ REMOVED: dict[tuple[str, str], tuple[Any, str]] = {
     ("limits", "thrust_margin"): CONSTANTS["termination.hover_thrust_margin"],
     ("drawn", "centers"): CONSTANTS["random_residual.num_centers"],
     ("drawn", "spread"): CONSTANTS["random_residual.center_std"],
-    ("innovation", "coherence"): (0.2, f"the field coherence of {_LEARNING}.residual_correction.InnovationFilter"),
-    ("innovation", "doubt"): (10.0, f"the field variance_ratio of {_LEARNING}.residual_correction.InnovationFilter"),
-    ("innovation", "fade_s"): (0.3, f"the field decay_time of {_LEARNING}.residual_correction.InnovationFilter"),
+    ("innovation", "coherence"): (0.2, None),
+    ("innovation", "doubt"): (10.0, None),
+    ("innovation", "fade_s"): (0.3, None),
     ("innovation", "patience_s"): (
         0.02,
         "the field max_reading_age of colift.onboard.estimation.state_estimator.ComplementaryFilter",
     ),
-    ("innovation", "age_s"): (20.0, f"the field forgetting_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
-    ("innovation", "settle_s"): (0.5, f"the field transient_time of {_LEARNING}.online_learner.OnlineUpdateOptions"),
-    ("innovation", "enough"): (150, f"the field min_samples of {_LEARNING}.online_learner.OnlineUpdateOptions"),
+    ("innovation", "age_s"): (20.0, None),
+    ("innovation", "settle_s"): (0.5, None),
+    ("innovation", "enough"): (150, None),
     ("innovation", "drag_Nspm"): (0.5, f"the fields payload and agents of {_LEARNING}.semiparametric.MeanPrior"),
     ("innovation", "drag_lever_m"): (0.4, f"the field payload of {_LEARNING}.semiparametric.MeanPrior"),
     ("innovation", "thrust_N"): (2.0, f"the field agents of {_LEARNING}.semiparametric.MeanPrior"),
@@ -282,7 +282,10 @@ REMOVED: dict[tuple[str, str], tuple[Any, str]] = {
         "the field rotation_phase of colift.trajectories.lissajous.Lissajous",
     ),
 }
-"""Section and setting, in names of schema 1, to the former default and the field or argument that replaces it."""
+"""Section and setting, in names of schema 1, to the former default and the field or argument that replaces it.
+
+None: no parameter replaces it.
+"""
 
 
 def migrate_text(text: str) -> str:
@@ -419,7 +422,7 @@ def _remove(data: MutableMapping[str, Any], strict: bool) -> None:
             line = f"line {settings.lc.key(name)[0] + 1}: " if isinstance(settings, CommentedMap) else ""
             errors.append(
                 f"{line}{section}.{name}: {format_value(value)} cannot be migrated, because this is no longer a "
-                f"setting; remove it, and set {field} in Python"
+                f"setting; {remedy(field)}"
             )
         del settings[name]
     if errors:

@@ -33,7 +33,7 @@ CAPTIONS = {
     "figure_4_forces": "Figure 4. Estimated and true contact forces, and internal forces",
     "figure_5_rho_bar": "Figure 5. Error bounds and true prediction errors",
     "figure_6_certificate": "Figure 6. Certified and observed position error, and sources of conservatism",
-    "figure_7_reaction": "Figure 7. Online correction: position error, innovations, gains, number of samples",
+    "figure_7_reaction": "Figure 7. Online correction: position error, forces, corrections, weight, number of samples",
     "figure_8_contact_forces": "Figure 8. External and internal part of the contact forces, payload frame",
 }
 """Caption of each figure file."""

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from colift.closed_loop import log
+from colift.closed_loop import log, log_signals
 from colift.visualization import axes as axes_module
 from colift.visualization import contact_force_figures, rendering, team_figure, uncertainty_figures
 from colift.visualization.style import (
@@ -40,11 +40,8 @@ PAPER_CASES = ("C1", "C2", "C3")  # a caption explains them; the legend of a sin
 MARKERS = 9  # per line, so that lines differ in black and white
 RANGE_OPACITY = 0.3  # opacity of the range of a noisy signal
 CHANGE_POINT_STYLE: dict[str, Any] = {"color": "#CC3311", "linewidth": 1.0, "linestyle": (0, (4, 2))}
-REFIT_STYLE: dict[str, Any] = {"color": "#0077BB", "linewidth": 1.0, "linestyle": (0, (1, 1.5))}
-EVENTS = {
-    "change_points": (CHANGE_POINT_STYLE, "change point"),
-    "refits": (REFIT_STYLE, "refit"),
-}
+LABEL_STYLE: dict[str, Any] = {"color": axes_module.GREY, "linewidth": 0.5, "alpha": 0.6}
+COVERAGE_FACTOR = 1.96  # of standard deviations, for 95 % of normal errors
 TERMINATION_MARKER: dict[str, Any] = {"marker": "x", "markersize": 6, "linestyle": "none", "clip_on": False}
 
 
@@ -85,7 +82,7 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
         "figure_5_rho_bar": lambda: uncertainty_figures.plot_error_radius(in_columns, descriptions),
     }
     if corrected := {
-        name: ds for name, ds in cases.items() if "innovation_L_force" in ds and "change_points" in ds.attrs
+        name: ds for name, ds in cases.items() if "correction_std_L_force" in ds and "change_points" in ds.attrs
     }:
         plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
     plots["figure_8_contact_forces"] = lambda: contact_force_figures.plot_contact_force_parts(in_columns, descriptions)
@@ -318,10 +315,11 @@ def _add_force_legend(figure: Figure, ds: xr.Dataset, internal: bool) -> None:
 
 
 def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Figure:
-    """Plot figure 7: position error, innovations, gains of model and correction, and number of samples.
+    """Plot figure 7: position error, corrected payload force, corrections of agents, weight, and number of samples.
 
-    The model gain is that of the payload, averaged over force and moment. Spans without labels are shaded: there the
-    correction weight is below 0.5. Vertical lines mark change points and refits.
+    Of the payload force, the component that varies most is shown: label, model, and model with correction and
+    95 % interval. The correction weight is that of the payload, averaged over force and moment. Spans in which it is
+    below 0.5 are shaded: labels are missing. Vertical lines mark change points.
 
     Args:
         cases: Logs of cases with online correction.
@@ -332,30 +330,23 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     """
     figure = Figure(figsize=(PAGE_WIDTH * max(1, len(cases) / axes_module.COLUMNS), 6.0))
     grid = figure.subplots(5, len(cases), sharex=True, sharey="row", squeeze=False)
+    shown = _varying_component(cases)
+    weights = {name: log.stack_parts(ds, "correction_weight_L").mean("component") for name, ds in cases.items()}
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         t, agents = axes_module.decimate(ds, ds.time), ds.agent.values.tolist()
-        column[0].plot(
-            t, axes_module.decimate(ds, axes_module.rms(ds, axes_module.norm(ds.e_p))), color=style_of(name).color
-        )
-        column[1].plot(
-            t,
-            axes_module.decimate(ds, axes_module.norm(ds.innovation_L_force)),
-            color=style_of(name).color,
-            linewidth=0.9,
-        )
+        color = style_of(name).color
+        column[0].plot(t, axes_module.decimate(ds, axes_module.rms(ds, axes_module.norm(ds.e_p))), color=color)
+        _plot_corrected_force(column[1], name, ds, shown)
         for k, agent in enumerate(agents):
-            color, dashes = axes_module.body_style(name, k, len(agents))
-            r = axes_module.norm(ds.innovation_x.sel(agent=agent))
-            column[2].plot(t, axes_module.decimate(ds, r), color=color, linestyle=dashes, linewidth=0.9, label=agent)
-        gain = log.stack_parts(ds, "model_gain_L").mean("component")
-        column[3].plot(t, axes_module.decimate(ds, gain), color=style_of(name).color, linewidth=0.9)
-        column[3].plot(t, axes_module.decimate(ds, ds.correction_weight), color=style_of(name).color, linestyle=DOTS)
+            agent_color, dashes = axes_module.body_style(name, k, len(agents))
+            size = axes_module.decimate(ds, axes_module.norm(ds.correction_x.sel(agent=agent)))
+            column[2].plot(t, size, color=agent_color, linestyle=dashes, linewidth=0.9, label=agent)
+        column[3].plot(t, axes_module.decimate(ds, weights[name]), color=color, linewidth=0.9)
         _plot_num_samples(column[4], name, ds)
         for ax in column:
-            axes_module.shade_all(ax, ds.time.values, ds.correction_weight.values < 0.5)
-            for event, (style, _) in EVENTS.items():
-                for entry in filter(None, str(ds.attrs.get(event, "")).split("; ")):
-                    ax.axvline(float(entry.split(" s:")[0]), **style)
+            axes_module.shade_all(ax, ds.time.values, weights[name].values < 0.5)
+            for entry in filter(None, str(ds.attrs.get("change_points", "")).split("; ")):
+                ax.axvline(float(entry.split(" s:")[0]), **CHANGE_POINT_STYLE)
         column[0].set_title(axes_module.title(name, ds, descriptions))
         axes_module.time_axis(column[-1], cases)
     axes_module.log_scale(grid[0, 0])
@@ -363,27 +354,53 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     grid[4, 0].set_ylim(bottom=0)
     labels = [
         r"$\|e_p\|$ [m]" + f"\n({axes_module.SMOOTHING_WINDOW:g} s RMS)",
-        "payload:\n" + "innovation [N]",
-        "agents:\n" + "innovation [N]",
-        "gain [1]",
+        "payload:\n" + f"force {shown} [N]",
+        "agents:\n" + "correction [N]",
+        "correction\nweight [1]",
         "samples per body",
     ]
     for row, label in zip(grid, labels, strict=True):
         row[0].set_ylabel(label)
     figure.align_ylabels(grid[:, 0])
+    figure.legend(*zip(*_correction_legend(cases, weights), strict=True), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _varying_component(cases: axes_module.Cases) -> str:
+    """Return the axis along which the labels of the payload force vary most."""
+    variances = [ds.label_L_force.var("time").values for ds in cases.values()]
+    return log_signals.AXES[int(np.argmax(np.sum(variances, axis=0)))]
+
+
+def _plot_corrected_force(ax: Axes, name: str, ds: xr.Dataset, axis: str) -> None:
+    """Plot one component of the payload force: label, model, and model with correction and 95 % interval."""
+    label, model, correction, std = (
+        axes_module.decimate(ds, ds[variable].sel(axis=axis))
+        for variable in ("label_L_force", "model_prediction_L_force", "correction_L_force", "correction_std_L_force")
+    )
+    t, color, corrected = axes_module.decimate(ds, ds.time), style_of(name).color, model + correction
+    ax.plot(t, label, **LABEL_STYLE)
+    band = COVERAGE_FACTOR * std
+    ax.fill_between(t, corrected - band, corrected + band, color=color, alpha=RANGE_OPACITY, linewidth=0)
+    ax.plot(t, model, color=color, linestyle=DOTS, linewidth=0.9)
+    ax.plot(t, corrected, color=color, linewidth=0.9)
+
+
+def _correction_legend(cases: axes_module.Cases, weights: Mapping[str, xr.DataArray]) -> list[tuple[Artist, str]]:
+    """Return the legend entries of figure 7."""
     handles = axes_module.agent_legend(cases)
-    handles.append((Line2D([], [], color=axes_module.GREY), "model gain, payload"))
-    handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "correction weight"))
+    handles.append((Line2D([], [], **LABEL_STYLE), "label"))
+    handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "model"))
+    handles.append((Line2D([], [], color=axes_module.GREY), "model and correction"))
+    handles.append((Patch(color=axes_module.GREY, alpha=RANGE_OPACITY, linewidth=0), "95 % interval"))
     if any(len(_num_samples(ds)) > 1 for ds in cases.values()):
         handles.append((Line2D([], [], color=axes_module.GREY), "samples, payload"))
         handles.append((Line2D([], [], color=axes_module.GREY, linestyle=DOTS), "samples, one agent"))
-    if any((ds.correction_weight.values < 0.5).any() for ds in cases.values()):
+    if any((weight.values < 0.5).any() for weight in weights.values()):
         handles.append((axes_module.active_patch(), "correction weight below 0.5"))
-    for event, (style, label) in EVENTS.items():
-        if any(ds.attrs.get(event) for ds in cases.values()):
-            handles.append((Line2D([], [], **style), label))
-    figure.legend(*zip(*handles, strict=True), loc="outside lower center", ncols=min(4, len(handles)))
-    return figure
+    if any(ds.attrs.get("change_points") for ds in cases.values()):
+        handles.append((Line2D([], [], **CHANGE_POINT_STYLE), "change point"))
+    return handles
 
 
 def _plot_num_samples(ax: Axes, name: str, ds: xr.Dataset) -> None:

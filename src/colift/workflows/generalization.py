@@ -66,7 +66,7 @@ def held_out_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, 
 def freeze_model(experiment: flight.Experiment, model: residual_model.ResidualModel) -> flight.Experiment:
     """Return an experiment with a fixed residual model from its start and without online learning.
 
-    A controller with an innovation filter still uses the labels.
+    A controller with a residual corrector still uses the labels.
 
     Args:
         experiment: Experiment.

@@ -262,7 +262,6 @@ def flight_dataset(
         "num_samples_payload": [update.num_samples["payload"] for update in flight.updates],
         "num_samples_agents": [update.num_samples["agents"] for update in flight.updates],
         "change_points": _describe_events(settings, ((update.t, update.change_points) for update in flight.updates)),
-        "refits": _describe_events(settings, ((update.t, update.refitted) for update in flight.updates)),
         "T_end_s": settings.learning.end_s,
         **{f"limit_{name}": value for name, value in _limits(settings, experiment).items() if value is not None},
         **{f"rho_{name}": value for name, value in stated.items() if name != "unproven_assumptions"},

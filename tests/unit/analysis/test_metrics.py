@@ -174,33 +174,28 @@ def test_correlation_is_pearson_and_none_for_constants():
 # Predictive standard deviations ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("listens", [False, True])
-def test_miscoverage_of_errors_with_stated_std_is_nominal(listens):
-    """Errors with the combined standard deviation of data, data sheets and delay have nominal miscoverage at 1.96."""
+@pytest.mark.parametrize("corrected", [False, True])
+def test_miscoverage_of_errors_with_stated_std_is_nominal(corrected):
+    """Errors with the combined standard deviation of data, data sheets and correction have nominal miscoverage."""
     shape = SHAPE._replace(time=20000)
     made, rng = flight(6, shape), np.random.default_rng(7)
     sigma, at = made.uncertainty, np.arange(0, shape.time, 5)
     n = made.records.f_x.shape[1]
     rows = with_rows(
         made.records,
-        labels_available=None,
-        delay_error_L=None,
-        delay_error_x=None,
-        correction_error_L=None,
-        correction_error_x=None,
+        correction_std_L=None,
+        correction_std_x=None,
+        correction_weight_L=None,
+        correction_weight_x=None,
     )
     s = np.hypot(sigma.payload_std, sigma.payload_label_bias)
-    if listens:
-        g = rng.integers(0, 2, shape.time).astype(float)
-        u, d = rng.uniform(0.1, 3, (2, shape.time, 6))
+    if corrected:
+        w, c = rng.uniform(0, 1, (shape.time, 6)), rng.uniform(0.1, 3, (shape.time, 6))
         none = np.zeros((shape.time, n, 3))
         rows = with_rows(
-            rows, labels_available=g, delay_error_L=u, delay_error_x=none, correction_error_L=d, correction_error_x=none
+            rows, correction_weight_L=w, correction_std_L=c, correction_weight_x=none + 1, correction_std_x=none
         )
-        g = g[at, None]
-        s = np.sqrt(
-            g**2 * u[at] ** 2 + (1 - g) ** 2 * (sigma.payload_std**2 + d[at] ** 2) + sigma.payload_label_bias**2
-        )
+        s = np.sqrt(c[at] ** 2 + (1 - w[at]) * sigma.payload_std**2 + sigma.payload_label_bias**2)
     f_L = rows.f_L_hat.copy()
     f_L[at] += s * rng.normal(size=s.shape)
     f_x = rows.f_x_hat + 0.5
@@ -211,7 +206,7 @@ def test_miscoverage_of_errors_with_stated_std_is_nominal(listens):
     group, label = sigma.agent_std[0][..., :3], sigma.agent_label_bias[0][..., :3]
     half = at >= shape.time // 2
     expected = np.hypot(group, label)[half] < 0.5 / 1.96
-    if not listens:
+    if not corrected:
         np.testing.assert_allclose(found["agents"]["rate"], expected.mean(0), rtol=1e-12)
 
 

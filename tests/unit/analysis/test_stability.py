@@ -346,21 +346,22 @@ def test_intermittent_sensors_are_sampled_every_step():
     assert abs(late - expected).max() > 0.01
 
 
-def test_second_moments_are_excluded_from_the_state():
+CORRECTOR_STATES = {
+    "label_feedback": {"prediction", "sensor_lowpass", "stage1", "error", "previous"},
+    "adaptive": {"prediction", "delayed", "d", "v", "noise[0]"},
+}
+
+
+@pytest.mark.parametrize("case", CORRECTOR_STATES)
+def test_second_moments_are_excluded_from_the_state(case):
     """At equilibrium they vanish to first order; as coordinates they became negative in the Newton iteration."""
-    states = stability._select_states(simulator.reset(paper.paper_experiment("label_feedback").loop_config, z()))
-    of_filter = [key for key in states if ".innovation." in key]
-    assert any(".comovement.label_lowpass." in key for key in of_filter)
-    second = (
-        "delay_error_ms",
-        "window_mean_square",
-        "mean_label_age",
-        "longest_gap",
-        "rate_forecast",
-        "comovement.cross_moment",
-        "comovement.second_moment",
-    )
-    assert not [key for key in of_filter if any(f".innovation.{word}" in key for word in second)]
+    states = stability._select_states(simulator.reset(paper.paper_experiment(case).loop_config, z()))
+    found = {key.split(".corrector.")[1] for key in states if ".corrector." in key}
+    assert found == CORRECTOR_STATES[case]
+    labels = {key.split(".estimator.")[1].split(".")[0] for key in states if ".estimator." in key}
+    assert "modelled_wrench" in labels, "labels before their filter depend on it"
+    assert "label" not in labels, "of training samples"
+    assert not [key for key in states if "last_f_hat" in key], "used without tip readings only"
 
 
 @pytest.mark.long

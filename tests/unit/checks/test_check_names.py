@@ -105,10 +105,10 @@ def test_words_of_an_identifier(name, words):
 
 STANDARD_NAMES = """
     acceleration_cmd actuator_lag attitude_setpoints bias_random_walk bound_assumptions change_points check_supported
-    context controller decay_rate disturbance_forces experiment gain_margin hold_time innovation known_mass label_filter
-    lead_time lookahead loop_gain mean_function memory_bytes model_gain nominal_trajectory observation payload plan_path
+    context controller decay_rate correction disturbance_forces experiment gain_margin known_mass label_filter
+    lead_time lookahead loop_gain mean_function memory_bytes nominal_trajectory observation payload plan_path
     predict preview residual_model region_of_attraction sampled_at set_point start_tick state step trust_region update
-    window_mean world
+    world
 """.split()
 
 

@@ -256,7 +256,7 @@ DAMAGES = {
     "the attribute case is .*, not a text": lambda ds: ds.assign_attrs(case=5),
     "scenario_json is not the JSON of a scenario": lambda ds: ds.assign_attrs(scenario_json="[1"),
     "update_times_s is .*, not a finite number": lambda ds: ds.assign_attrs(update_times_s=[1.0, np.nan]),
-    "schema 4": lambda ds: ds.assign_attrs(schema=4),
+    "schema 5": lambda ds: ds.assign_attrs(schema=5),
     "damaged: ": lambda ds: ds.assign_attrs(schema=[3, 3]),
 }
 

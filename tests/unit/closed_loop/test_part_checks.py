@@ -14,6 +14,7 @@ import pytest
 from colift.closed_loop import flight, part_checks
 from colift.math.pytree import pytree, static
 from colift.onboard.control import payload_controllers
+from colift.onboard.learning import residual_correction
 from colift.scenario import experiment
 from colift.simulation.actuators import IdealActuators
 from colift.simulation.disturbances import DisturbanceModel
@@ -108,6 +109,31 @@ def test_fault_is_named_with_part_and_method(fault: str, message: str):
     assert found.startswith("payload_controller: Own.compute")
     assert found.endswith(message)
     assert ("(test_part_checks.py:" in found) == (fault in ("condition", "numpy", "key"))  # the line of the user's code
+
+
+@pytree
+class OwnCorrector:
+    """A residual corrector of a user without a correction."""
+
+    fault: str = static()
+
+    def init(self, team: Any) -> Any:
+        return jnp.zeros(())
+
+    def update(self, state: Any, observation: Any, clock: Any) -> Any:
+        correction = residual_correction.zero_correction(observation.label, clock.t)
+        if self.fault == "no weight":
+            correction = dataclasses.replace(correction, weight=None)
+        return correction, jnp.zeros(2) if self.fault == "other state" else state
+
+
+def test_residual_corrector_is_checked():
+    """A corrector that fits passes; a fault is named with part and method."""
+    part_checks.check_parts(with_parts(residual_corrector=OwnCorrector(fault="")))
+    for fault in ("other state", "no weight"):
+        assert "residual_corrector: OwnCorrector.update" in refused(
+            with_parts(residual_corrector=OwnCorrector(fault=fault))
+        )
 
 
 def test_parts_that_fit_pass():

@@ -471,6 +471,79 @@ def test_marginal_likelihood_equals_a_dense_normal(seed):
     np.testing.assert_allclose(slope, by_differences, rtol=1e-5, atol=1e-5)
 
 
+def variation_of(rng, N, median_rate=0.05):
+    """Return random ages and change points; the first parameter does not change."""
+    age = np.sort(rng.uniform(0, 30, N))[::-1]
+    return gp.TimeVariation(
+        age=age, jumps=np.floor(age / 12), varying=np.array([0.0, 1.0, 1.0]), median_rate=median_rate
+    )
+
+
+def dense_changes(X, hyper, Phi, variation, rate):
+    """Return the covariance of the changes of stacked outputs, element by element."""
+    N, m = Phi.shape[:2]
+    C, P = np.zeros((m * N, m * N)), np.diag((PRIOR * variation.varying) ** 2)
+    for i in range(m):
+        s, ls, _, _ = arrays(hyper, i)
+        for k in range(N):
+            for j in range(N):
+                age, jumps = (min(x[k], x[j]) for x in (variation.age, variation.jumps))
+                f = s * np.exp(-0.5 * (((X[k] - X[j]) / ls) ** 2).sum())
+                of_f, of_theta = rate * age + gp.JUMP_SHARE * jumps, rate * age + jumps
+                C[i * N + k, i * N + j] = of_f * f + of_theta * (Phi[k, i] @ P @ Phi[j, i])
+    return C
+
+
+@given(seeds)
+@settings(max_examples=8)
+def test_likelihood_of_changes_equals_a_dense_normal(seed):
+    """With random walks and jumps: value, gradient, estimates and posterior equal dense linear algebra."""
+    rng = np.random.default_rng(seed)
+    X, _, Phi, _, _ = body(seed, N=10)
+    Phi, Y = np.concatenate([Phi, Phi[:, ::-1]], axis=1), rng.normal(size=(10, 4))
+    belief, variation = body_hyperprior(outputs=4, lengthscale=rng.uniform(0.5, 2, 2)), variation_of(rng, 10)
+    parts = [semiparametric._output_group(X, outputs, belief) for outputs in ([0, 1], [2, 3])]
+    t, kernel = np.append(rng.normal(size=6) - [1, 0, 2, 1, 0, 2], np.log(0.02)), belief.median.kernel
+    of = lambda t: semiparametric.log_marginal_likelihood(t, parts, Y, Phi, PRIOR, kernel, variation)  # noqa: E731
+    value, slope, theta, covariance = of(t)
+    hyper = semiparametric._hyperparameters(t[:6], parts, 2, kernel)
+    changes = dense_changes(X, hyper, Phi, variation, 0.02)
+    C = dense_covariance(X, hyper, Phi, PRIOR, range(4)) + changes
+    assert value == pytest.approx(multivariate_normal(cov=C).logpdf(Y.T.reshape(-1)), rel=1e-9)
+    by_differences = [(of(t + h)[0] - of(t - h)[0]) / 2e-5 for h in 1e-5 * np.eye(7)]
+    np.testing.assert_allclose(slope, by_differences, rtol=1e-5, atol=1e-5)
+    D = variation.covariance(X, Phi, PRIOR, hyper, 0.02)
+    for i in range(4):
+        np.testing.assert_allclose(D[i], changes[10 * i : 10 * i + 10, 10 * i : 10 * i + 10], atol=1e-12)
+    found = gp.estimate_parameters(X, Y, Phi, PRIOR, hyper, D)
+    np.testing.assert_allclose(found[0], theta, rtol=1e-7)
+    np.testing.assert_allclose(found[1], covariance, rtol=1e-7, atol=1e-12)
+    posterior = gp.condition(X, Y, hyper, noise_covariance=D)
+    x = rng.normal(size=2)
+    for i in range(4):
+        s, ls, v, offset = arrays(hyper, i)
+        k = s * np.exp(-0.5 * (((X - x) / ls) ** 2).sum(1))
+        K = s * np.exp(-0.5 * (((X[:, None] - X[None]) / ls) ** 2).sum(-1)) + v * np.eye(10) + D[i]
+        assert float(gp.mean(posterior, jnp.asarray(x))[i]) == pytest.approx(
+            offset + k @ np.linalg.solve(K, Y[:, i] - offset), rel=1e-6, abs=1e-9
+        )
+
+
+@pytest.mark.parametrize("rate", [1e-4, 0.1])
+def test_rate_of_changes_is_identified(rate):
+    """Over draws from the model, the mean log of the fitted rate is within a factor of three of the true one."""
+    rng, found = np.random.default_rng(1), []
+    X, _, Phi, _, _ = body(0, N=60)
+    belief, variation = body_hyperprior(factor=1.0001), variation_of(rng, 60)
+    C = dense_covariance(X, belief.median, Phi, PRIOR, range(2))
+    L = np.linalg.cholesky(C + dense_changes(X, belief.median, Phi, variation, rate))
+    for _ in range(5):
+        Y = (L @ rng.normal(size=120)).reshape(2, 60).T
+        found.append(gp.fit_semiparametric(X, Y, Phi, PRIOR, GROUPS, belief, variation=variation).rate)
+    mean = np.exp(np.mean(np.log(found)))
+    assert mean < 3e-3 if rate < 1e-3 else rate / 3 < mean < 3 * rate
+
+
 def test_estimates_are_unbiased_and_calibrated():
     """Over draws from the model, the whitened error has unit covariance."""
     rng = np.random.default_rng(0)

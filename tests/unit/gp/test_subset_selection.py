@@ -15,22 +15,17 @@ from tests.support.gp_problems import problem
 LINE = gp.make_hyperparameters(1.0, [1.0], 1e-2)
 
 
-def equal_weights(n):
-    return np.ones(n), np.zeros(n, bool)
-
-
 @settings(max_examples=15)
-@given(seed=st.integers(0, 10_000), noisier=st.booleans(), firsts=st.sampled_from([0, 1, 3, 5]))
-def test_each_dropped_point_is_the_least_informative(seed, noisier, firsts):
+@given(seed=st.integers(0, 10_000), noisier=st.booleans())
+def test_each_dropped_point_is_the_least_informative(seed, noisier):
     """Each dropped point is the one without which most information remains."""
     X, Y, hyper, _ = problem(seed, N=9)
     noise = np.random.default_rng(seed).uniform(1, 4, 9) if noisier else np.ones(9)
-    left, first = list(range(9)), np.arange(9) < firsts
+    left = list(range(9))
     while len(left) > 6:
-        may = [k for k in left if first[k]] or left
-        gains = [information([j for j in left if j != k], X, Y, hyper, noise) for k in may]
-        left.remove(may[int(np.argmax(gains))])
-    stays = gp.select_subset(X, hyper, 6, noise, first)
+        gains = [information([j for j in left if j != k], X, Y, hyper, noise) for k in left]
+        left.remove(left[int(np.argmax(gains))])
+    stays = gp.select_subset(X, hyper, 6, noise)
     assert list(np.flatnonzero(stays)) == left
 
 
@@ -54,25 +49,13 @@ def information(these, X, Y, hyper, noise):
 
 def test_oldest_of_equal_points_are_dropped():
     X = np.array([0.0, 0.0, 0.0, 5.0])[:, None]
-    assert list(gp.select_subset(X, LINE, 2, np.array([3.0, 1.0, 2.0, 9.0]), np.zeros(4, bool))) == [
-        False,
-        True,
-        False,
-        True,
-    ]
-
-
-def test_marked_points_are_dropped_first():
-    X = np.array([0.0, 0.01, 0.02, 5.0, 9.0])[:, None]
-    first = np.array([False, False, False, True, True])
-    assert list(gp.select_subset(X, LINE, 3, np.ones(5), first)) == [True, True, True, False, False]
-    assert gp.select_subset(X, LINE, 2, np.ones(5), first)[3:].sum() == 0
+    assert list(gp.select_subset(X, LINE, 2, np.array([3.0, 1.0, 2.0, 9.0]))) == [False, True, False, True]
 
 
 def test_all_points_within_the_budget_are_kept():
     X = np.zeros((5, 1))
-    assert gp.select_subset(X, LINE, 5, *equal_weights(5)).all()
-    assert gp.select_subset(X, LINE, 9, *equal_weights(5)).all()
+    assert gp.select_subset(X, LINE, 5, np.ones(5)).all()
+    assert gp.select_subset(X, LINE, 9, np.ones(5)).all()
 
 
 def test_path_samples_survive_a_long_hover():
@@ -80,7 +63,7 @@ def test_path_samples_survive_a_long_hover():
     rng = np.random.default_rng(0)
     x = np.concatenate([np.linspace(0, 20, 60), np.full(400, 20.0) + 0.01 * rng.normal(size=400)])
     older = 1 + np.arange(460)[::-1] / 100
-    stays = gp.select_subset(x[:, None], LINE, 64, older, np.zeros(460, bool))
+    stays = gp.select_subset(x[:, None], LINE, 64, older)
     gaps = np.diff(np.sort(x[stays]))
     assert stays.sum() == 64
     assert gaps.max() < 1.0  # a length-scale
@@ -90,4 +73,4 @@ def test_path_samples_survive_a_long_hover():
 def test_too_small_noise_is_refused():
     hyper = dataclasses.replace(LINE, noise_variance=LINE.noise_variance * 1e-16)
     with pytest.raises(ValueError, match=r"the Gram matrix of 30 points may not be positive definite"):
-        gp.select_subset(np.zeros((30, 1)), hyper, 20, *equal_weights(30))
+        gp.select_subset(np.zeros((30, 1)), hyper, 20, np.ones(30))

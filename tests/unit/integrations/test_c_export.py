@@ -140,6 +140,16 @@ def test_learned_model_is_a_separate_block(folder: Path):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("case", ["adaptive", "label_feedback"])
+def test_residual_correctors_are_exported(case: str, tmp_path: Path):
+    made = experiment.make_experiment(light.settings(), case)
+    c_export.export_c(made, made.controller.residual_model, 50, tmp_path, f"light, {case}")
+    found = run_replay(compile_replay(tmp_path), tmp_path / "flight.bin")
+    assert found["steps"] == 50
+    assert found["max_relative_difference"] < 1e-12
+
+
+@pytest.mark.long
 def test_replay_equals_the_native_simulation():
     c3 = experiment.make_experiment(light.settings(), "C1")
     _, flown = c_export.replay(c3, c3.controller.residual_model, 50)

@@ -33,7 +33,7 @@ def parts(
         agent,
         controller.agent_controller.nominal_posture[0][0],
         controller.agent_controller.gains,
-        controller.innovation_filter.filters,
+        controller.residual_corrector.filters,
     )
 
 

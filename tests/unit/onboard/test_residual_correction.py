@@ -1,4 +1,4 @@
-"""Tests of the innovation filter against an independent implementation, without labels, and at model replacements."""
+"""Tests of the residual correctors: Kalman filter, label filter, and the predictor that adds their correction."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.linalg import expm, solve_discrete_are
 from scipy.signal import lfilter
+from sklearn.gaussian_process.kernels import Matern
 
 from colift import gp, scenario
 from colift.closed_loop import flight
@@ -19,18 +21,207 @@ from colift.onboard import interfaces
 from colift.onboard.control import tracking
 from colift.onboard.estimation.state_estimator import FilterBandwidths, StateEstimate, TrainingSample
 from colift.onboard.learning import features, residual_correction, residual_model, residual_predictors
+from colift.onboard.learning.kalman_correction import KalmanState, ResidualKalmanFilter
+from colift.onboard.learning.label_filter import LabelFilter
+from colift.onboard.learning.residual_correction import ResidualObservation
 from colift.scenario import experiment
 from tests.support import small_team as light
 
 DT, TICKS = 0.002, 400
 CORNERS = {"complementary": 5.0, "imu_bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
 FILTERS = FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
+DELAY = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
+OUTPUTS = 6
 
 
 @functools.cache
 def light_experiment() -> flight.Experiment:
     """Return the experiment of the smallest team, built on first use."""
     return experiment.make_experiment(light.settings(), "adaptive")
+
+
+def six(W: Wrench) -> np.ndarray:
+    return np.concatenate([W.F, W.tau], axis=-1)
+
+
+# The Kalman filter ----------------------------------------------------------------------------------------------------
+
+
+def kalman_filter(sigma: float = 1.5, **fields: float) -> ResidualKalmanFilter:
+    """Return the filter of a payload without agents."""
+    std = ResidualForces(payload=Wrench(F=jnp.full(3, sigma), tau=jnp.full(3, sigma)), agents=())
+    made = {name: jnp.array(x) for name, x in ({"tip_bandwidth": CORNERS["tip_force"]} | fields).items()}
+    return ResidualKalmanFilter(std=std, **made)
+
+
+@jax.jit
+def filter_labels(
+    corrector: ResidualKalmanFilter, start: KalmanState, y: jax.Array, on: jax.Array, intervals: jax.Array
+) -> tuple[KalmanState, jax.Array]:
+    """Return the states after each period and the normalized innovations squared, for a model that predicts zero."""
+
+    def step(state: KalmanState, of: tuple) -> tuple:
+        y, valid, interval = of
+        label = ResidualForces(payload=Wrench(F=y[:3], tau=y[3:]), agents=())
+        observation = ResidualObservation(
+            label=label,
+            prediction=label,
+            update_index=jnp.zeros((), int),
+            label_valid=residual_correction.by_body(label, valid, valid),
+            interval=residual_correction.by_body(label, interval, interval),
+        )
+        state, nis = corrector.filter(state, jnp.zeros(OUTPUTS), observation, jnp.array(DT))
+        return state, (state, nis)
+
+    return jax.lax.scan(step, start, (y, on, intervals))[1]
+
+
+def filtered(corrector: ResidualKalmanFilter, y: np.ndarray, on: np.ndarray) -> tuple[KalmanState, np.ndarray]:
+    """Filter labels that are held where there is none."""
+    held = y[np.maximum.accumulate(np.where(on > 0, np.arange(len(y)), 0))]
+    start = corrector.init(light_experiment().controller.team)
+    return filter_labels(corrector, start, *map(jnp.asarray, (held, np.asarray(on, float), sample_intervals(on))))
+
+
+def sample_intervals(on: np.ndarray) -> np.ndarray:
+    """Return the time since the previous label in each control period."""
+    intervals, since = np.zeros(len(on)), 0.0
+    for k, valid in enumerate(on):
+        intervals[k] = since = since + DT
+        since *= 1 - valid
+    return intervals
+
+
+def noise_variances(corrector: ResidualKalmanFilter, states: KalmanState) -> tuple[np.ndarray, np.ndarray]:
+    """Return the variances of white and differenced noise that the filter used in each period."""
+    R, Q = jax.vmap(lambda noise: noise.variances())(states.label_noise)
+    return np.maximum(R, corrector.min_noise_variance(jnp.array(DT))), np.asarray(Q)
+
+
+def transition(decay_rate: float, dt: float = DT) -> np.ndarray:
+    """Return the transition matrix of error and rate."""
+    return expm(dt * np.array([[0.0, 1.0], [-(decay_rate**2), -2 * decay_rate]]))
+
+
+def simulated(
+    rng: np.random.Generator, n: int, sigma: float, R: float, Q: float, decay_rate: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return n errors of the filter's model, of six outputs, and their labels."""
+    A, P_inf = transition(decay_rate), sigma**2 * np.diag([1.0, decay_rate**2])
+    x = np.linalg.cholesky(P_inf) @ rng.normal(size=(2, OUTPUTS))
+    root, d = np.linalg.cholesky(P_inf - A @ P_inf @ A.T), np.zeros((n, OUTPUTS))
+    for k in range(n):
+        x = A @ x + root @ rng.normal(size=(2, OUTPUTS))
+        d[k] = x[0]
+    noise = np.sqrt(Q) * rng.normal(size=(n + 1, OUTPUTS))
+    return d, d + np.diff(noise, axis=0) + np.sqrt(R) * rng.normal(size=(n, OUTPUTS))
+
+
+def random_labels(seed: int, share: float, n: int = 150) -> tuple[np.ndarray, np.ndarray]:
+    """Return labels of a random process with both kinds of noise, and the periods that have a label."""
+    rng = np.random.default_rng(seed)
+    _, y = simulated(rng, n, 1.5, 0.05, 0.1)
+    on = rng.random(n) < share
+    on[[0, n - 1]] = True
+    return y, on
+
+
+@pytest.mark.parametrize(("seed", "share"), [(0, 1.0), (1, 0.6), (2, 0.1)])
+def test_filter_is_the_augmented_kalman_filter(seed, share):
+    """With the states d, v, n of this and n of the last period; mean and covariance agree at every period."""
+    decay_rate, (y, on) = 3.0, random_labels(seed, share)
+    states, _ = filtered(kalman_filter(decay_rate=decay_rate), y, on)
+    R, Q = noise_variances(kalman_filter(decay_rate=decay_rate), states)
+    A, P_inf, H = np.zeros((4, 4)), 1.5**2 * np.diag([1.0, decay_rate**2]), np.array([1.0, 0.0, 1.0, -1.0])
+    A[:2, :2], A[3, 2] = transition(decay_rate), 1.0
+    for i in range(OUTPUTS):
+        x, P = np.zeros(4), np.zeros((4, 4))
+        P[:2, :2] = P_inf
+        for k, valid in enumerate(on):
+            process = np.zeros((4, 4))
+            process[:2, :2], process[2, 2] = P_inf - A[:2, :2] @ P_inf @ A[:2, :2].T, Q[k, i]
+            x, P = A @ x, A @ P @ A.T + process
+            if valid:
+                K = P @ H / (H @ P @ H + R[k, i])
+                x, P = x + K * (y[k, i] - H @ x), P - np.outer(K, H @ P)
+            found = [states.d, states.v, *states.P, *states.noise]
+            expected = [x[0], x[1], P[0, 0], P[0, 1], P[1, 1], x[2], P[2, 2], P[0, 2], P[1, 2]]
+            np.testing.assert_allclose([z[k, i] for z in found], expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(("seed", "share"), [(3, 1.0), (4, 0.3)])
+def test_filter_is_regression_with_a_matern_kernel(seed, share):
+    """Mean and variance at the last label equal those of a Gaussian process with the labels' noise covariance."""
+    decay_rate, (y, on) = 2.0, random_labels(seed, share)
+    states, _ = filtered(kalman_filter(decay_rate=decay_rate), y, on)
+    R, Q = noise_variances(kalman_filter(decay_rate=decay_rate), states)
+    t = DT * np.arange(len(y))[:, None]
+    kernel = 1.5**2 * Matern(length_scale=np.sqrt(3) / decay_rate, nu=1.5)(t)
+    for i in range(OUTPUTS):
+        before = np.concatenate([[0.0], np.asarray(Q)[:-1, i]])
+        noise = np.diag(np.asarray(R + Q)[:, i] + before) - np.diag(before[1:], 1) - np.diag(before[1:], -1)
+        K = (kernel + noise)[np.ix_(on, on)]
+        gain = np.linalg.solve(K, kernel[on, -1])
+        np.testing.assert_allclose(states.d[-1, i], gain @ y[on, i], rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(states.P[0][-1, i], kernel[-1, -1] - gain @ kernel[on, -1], rtol=1e-8)
+
+
+@pytest.mark.parametrize(("seed", "share"), [(5, 1.0), (6, 0.1)])
+def test_filter_is_consistent_with_its_model(seed, share):
+    """Mean NIS and coverage lie in their 95 % intervals for simulated errors, with all and with a tenth of the labels.
+
+    The errors change little during a block of labels, as the estimate of the label noise assumes.
+    """
+    rng, sigma, n = np.random.default_rng(seed), 0.2 if share == 1 else 0.03, int(8000 / share)
+    d, y = simulated(rng, n, sigma, 0.04, 0.02 * share)
+    on = rng.random(n) < share
+    states, nis = filtered(kalman_filter(sigma=sigma, noise_averaging_time=50.0), y, on)
+    used = np.flatnonzero(on & (np.arange(n) > n // 4))
+    count = OUTPUTS * len(used)
+    assert np.mean(nis[used]) == pytest.approx(1.0, abs=1.96 * np.sqrt(2 / count) + 0.01)  # 1 %: noise is estimated
+    z = np.asarray((d - states.d) / np.sqrt(states.P[0]))[n // 4 :]
+    # samples that are one correlation time of the filter error apart are nearly independent
+    lag = next(k for k in range(1, n) if np.mean(z[k:] * z[:-k]) < 0.1 * np.mean(z * z))
+    coverage, independent = np.mean(np.abs(z) < 1.96), z.size / (2 * lag)
+    assert coverage == pytest.approx(0.95, abs=1.96 * np.sqrt(0.95 * 0.05 / independent))
+
+
+@pytest.mark.parametrize(("R", "Q"), [(0.04, 0.0), (0.04, 0.03), (0.01, 0.2)])
+def test_allan_variances_recover_the_label_noise(R, Q):
+    """Variances of white and of differenced noise, each relative to the larger share of the label."""
+    _, y = simulated(np.random.default_rng(7), 6000, 1e-3, R, Q)
+    states, _ = filtered(kalman_filter(noise_averaging_time=50.0), y, np.ones(len(y), bool))
+    found = jax.tree.map(lambda x: x[-1], states.label_noise).variances()
+    np.testing.assert_allclose(np.mean(found[0]), R, rtol=0.2)
+    np.testing.assert_allclose(np.mean(found[1]), Q, atol=0.2 * max(R, Q))
+    assert (np.abs(np.asarray(found[1]) / Q - 1) < 0.2).all() if Q else True
+
+
+def test_sparse_labels_do_not_raise_the_estimated_noise():
+    """A change of the error during a block raises the Allan variance over the block; the smaller variance counts."""
+    rng = np.random.default_rng(8)
+    _, y = simulated(rng, 20000, 2.0, 0.04, 0.0)
+    on = rng.random(len(y)) < 0.1
+    R, _ = noise_variances(kalman_filter(), filtered(kalman_filter(), y, on)[0])
+    np.testing.assert_allclose(np.median(R[5000:]), 0.04, rtol=0.2)
+
+
+def test_steady_state_has_the_largest_corner_frequency():
+    """Without label noise, covariances solve the Riccati equation, and the poles have the frequency `max_bandwidth`."""
+    sigma, corrector = 1.5, kalman_filter(max_bandwidth=12.0)
+    start, dt = corrector.init(light_experiment().controller.team), jnp.array(DT)
+    found, R = corrector.steady_state(start, dt), float(corrector.min_noise_variance(dt)[0])
+    A, P_inf, H = transition(1.0), sigma**2 * np.eye(2), np.array([[1.0, 0.0]])
+    P = solve_discrete_are(A.T, H.T, P_inf - A @ P_inf @ A.T, np.array([[R]]))
+    K = P @ H.T / (P[0, 0] + R)
+    for x, expected in zip(found.P, (P - K @ H @ P)[[0, 0, 1], [0, 1, 1]], strict=True):
+        np.testing.assert_allclose(x, expected, rtol=1e-6)
+    poles = np.log(np.linalg.eigvals((np.eye(2) - K @ H) @ A).astype(complex)) / DT
+    np.testing.assert_allclose(np.abs(poles) / (2 * np.pi), 12.0, rtol=0.1)
+    assert not np.any(found.d)
+
+
+# Corrections of whole updates -----------------------------------------------------------------------------------------
 
 
 def blend(hertz: float) -> float:
@@ -43,175 +234,206 @@ def low_pass(x: np.ndarray, hertz: float) -> np.ndarray:
     return lfilter([b], [1, b - 1], x, axis=0, zi=(1 - b) * x[:1])[0]
 
 
+def sensed(x: np.ndarray) -> np.ndarray:
+    """Apply the lag of the tip force sensors."""
+    return low_pass(x, CORNERS["tip_force"])
+
+
 def filtered_label(x: np.ndarray) -> np.ndarray:
-    """Apply the filters of labels."""
-    return behind_the_labels_filter(low_pass(x, CORNERS["tip_force"]))
+    """Apply the two stages of the label filter."""
+    return low_pass(low_pass(x, CORNERS["label"]), CORNERS["label"])
 
 
 def estimate_with_label(p: Any, y: Any, on: Any, intervals: Any) -> StateEstimate:
-    """Return an estimate with a payload at p and its label y; agents have no labels."""
+    """Return an estimate with a payload at p and its label y before the label filter; agents have labels of zero."""
     load = PayloadState(p=p, v=jnp.zeros(3), R=jnp.eye(3), omega=jnp.zeros(3))
+    team = light_experiment().controller.team
     none = tuple(
         (jnp.zeros((n, 18 + 2 * g.tree.joints)), jnp.zeros((n, 6 + g.tree.joints)))
-        for n, g in zip(
-            light_experiment().controller.team.sizes, light_experiment().controller.team.agent_groups, strict=True
-        )
+        for n, g in zip(team.sizes, team.agent_groups, strict=True)
     )
-    labelled = TrainingSample(payload=(jnp.zeros(24), y), agents=none, valid=on, sample_interval=intervals)
-    lam = tuple(jnp.zeros_like(g.contact_position) for g in light_experiment().controller.team.agent_groups)
+    labelled = TrainingSample(
+        payload=(jnp.zeros(24), jnp.zeros(6)),
+        agents=none,
+        unfiltered=(y, tuple(label for _, label in none)),
+        valid=on,
+        sample_interval=intervals,
+    )
+    lam = tuple(jnp.zeros_like(g.contact_position) for g in team.agent_groups)
     return StateEstimate(
         agents=light_experiment().initial_state.agents, payload=load, a_L=jnp.zeros(6), lam=lam, sample=labelled
     )
 
 
-def innovations(
-    innovation_filter: residual_correction.InnovationFilter,
-    model: Any,
-    p: np.ndarray,
-    labels: np.ndarray,
-    available: np.ndarray,
-) -> residual_correction.Innovation:
-    """Return the innovations along a payload path; `oracle(k)` is the model at step k."""
+def corrections(
+    corrector: residual_correction.ResidualCorrector, model: Any, p: np.ndarray, labels: np.ndarray, on: np.ndarray
+) -> residual_correction.ResidualCorrection:
+    """Return the corrections along a payload path; `model(k)` is the model at step k.
+
+    All outputs have labels in the same periods, also those of the payload.
+    """
 
     def step(state: Any, context: tuple) -> tuple:
         k, *inputs = context
-        q_hat = estimate_with_label(*inputs)
-        return innovation_filter.update(
-            state, team, model(k), q_hat, ControlClock(t=k.astype(float) * DT, dt=jnp.array(DT))
-        )
+        clock = ControlClock(t=k.astype(float) * DT, dt=jnp.array(DT))
+        observation = residual_correction.observe(model(k), team, estimate_with_label(*inputs), clock.dt)
+        valid, interval = (residual_correction.by_body(observation.label, x, x) for x in inputs[2:])
+        observation = dataclasses.replace(observation, label_valid=valid, interval=interval)
+        correction, state = corrector.update(state, observation, clock)
+        return state, correction
 
     team = light_experiment().controller.team  # made before anything is traced
-    intervals, since = np.zeros(len(p)), 0.0
-    for k, on in enumerate(available):
-        intervals[k] = since = since + DT
-        since *= 1 - on
-    steps = tuple(map(jnp.asarray, (np.arange(len(p)), p, labels, np.asarray(available, float), intervals)))
-    return jax.jit(lambda: jax.lax.scan(step, innovation_filter.init(team), steps)[1])()
-
-
-def make_filter(
-    decay_time: float = np.inf,
-    averaging_time: float = 0.5,
-    hold_time: float = 0.0,
-    variance_ratio: float = 0.0,
-    coherence: float = 0.0,
-) -> residual_correction.InnovationFilter:
-    options = {
-        "decay_time": decay_time,
-        "averaging_time": averaging_time,
-        "hold_time": hold_time,
-        "variance_ratio": variance_ratio,
-        "coherence": coherence,
-    }
-    return residual_correction.InnovationFilter(filters=FILTERS, **{name: jnp.array(x) for name, x in options.items()})
-
-
-def payload_label_variances() -> np.ndarray:
-    """Return the noise variances of the payload's labels."""
-    v = residual_correction.label_noise_variance(light_experiment().controller.residual_model).payload
-    return np.concatenate([v.F, v.tau])
+    inputs = (np.arange(len(p)), p, labels, np.asarray(on, float), sample_intervals(on))
+    steps = tuple(map(jnp.asarray, inputs))
+    return jax.jit(lambda: jax.lax.scan(step, corrector.init(team), steps)[1])()
 
 
 def constant_model(mean: Any, k: Any = 0) -> residual_model.ResidualModel:
     """Return the model of update k that predicts a constant wrench."""
-    hyper = dataclasses.replace(
-        light_experiment().controller.residual_model.payload.hyper, constant_mean=jnp.full(6, mean)
-    )
+    model = light_experiment().controller.residual_model
+    hyper = dataclasses.replace(model.payload.hyper, constant_mean=jnp.full(6, mean))
     return dataclasses.replace(
-        light_experiment().controller.residual_model,
-        payload=dataclasses.replace(light_experiment().controller.residual_model.payload, hyper=hyper),
-        update_index=jnp.asarray(k),
+        model, payload=dataclasses.replace(model.payload, hyper=hyper), update_index=jnp.asarray(k)
     )
 
 
-def test_innovation_is_label_minus_filtered_mean():
-    """If labels equal the filtered mean the innovation is zero; otherwise it is the difference."""
-    rng = np.random.default_rng(0)
-    p = np.cumsum(rng.normal(size=(TICKS, 3)), axis=0) * 0.05
-    x = np.concatenate([p, np.zeros((TICKS, 3)), np.tile(np.eye(3).ravel(), (TICKS, 1)), np.zeros((TICKS, 9))], axis=1)
-    inputs = np.asarray(features.payload_features(jnp.asarray(x[::40])))
-    hyper, capacity = (
-        light_experiment().controller.residual_model.payload.hyper,
-        light_experiment().controller.residual_model.payload.capacity,
+def replaced_model(k: jax.Array) -> residual_model.ResidualModel:
+    """Return a model that is replaced by another one in control period 200."""
+    later = (k >= 200).astype(int)
+    return constant_model(0.5 + later.astype(float), later)
+
+
+def team_filter() -> ResidualKalmanFilter:
+    corrector = light_experiment().controller.residual_corrector
+    assert isinstance(corrector, ResidualKalmanFilter)
+    return corrector
+
+
+CORRECTORS = {
+    "kalman": team_filter,
+    "label_filter": lambda: LabelFilter(filters=FILTERS),
+}
+
+
+@pytest.mark.parametrize("kind", CORRECTORS)
+def test_model_replacement_is_bumpless(kind):
+    """Model and correction together have no step, and stay close to those with a model that is not replaced.
+
+    The mean of the Kalman filter returns to the new model, not to the old one.
+    """
+    rng = np.random.default_rng(9)
+    labels, p = 2.0 + rng.normal(size=(TICKS, 6)).cumsum(axis=0) * 0.02, np.zeros((TICKS, 3))
+    found = {}
+    for name, model in {"stays": lambda _k: constant_model(0.5), "replaced": replaced_model}.items():
+        made = corrections(CORRECTORS[kind](), model, p, labels, np.ones(TICKS))
+        found[name] = six(made.prediction.payload) + six(made.error.payload), six(made.rate.payload)
+    tolerance = {"kalman": (1e-5, 0.01), "label_filter": (1e-9, 1e-9)}[kind]
+    (replaced, rate), (stays, expected) = found["replaced"], found["stays"]
+    np.testing.assert_allclose(replaced[200], stays[200], atol=tolerance[0])
+    np.testing.assert_allclose(replaced, stays, atol=tolerance[1])
+    np.testing.assert_allclose(rate[:201], expected[:201], atol=500 * tolerance[0])
+
+
+def test_kalman_filter_without_labels_returns_to_the_model():
+    """Correction and weight decay, and the standard deviation tends to the RMS error of the model.
+
+    The weight is the one that minimizes the variance of the sum of model and correction.
+    """
+    n, stop = 6000, 1000
+    t = DT * np.arange(n)
+    rng = np.random.default_rng(10)
+    labels = np.tile(1.2 * np.sin(2 * np.pi * 2 * t)[:, None], (1, 6)) + 0.02 * rng.normal(size=(n, 6))
+    on = np.arange(n) < stop
+    labels[stop:] = labels[stop - 1]
+    made = corrections(team_filter(), lambda _k: constant_model(0.0), np.zeros((n, 3)), labels, on)
+    weight, std, error = (six(x.payload) for x in (made.weight, made.std, made.error))
+    np.testing.assert_allclose(weight[:stop], 1.0)
+    assert (np.diff(weight[stop:], axis=0) <= 0).all()
+    assert np.abs(error[-1]).max() < 5e-3
+    P_0, P_inf, E = std[stop - 1] ** 2, six(team_filter().std.payload) ** 2, 1.2**2 / 2
+    np.testing.assert_allclose(weight[-1], E / (E + P_inf - P_0), rtol=0.25)
+    assert weight[-1, :3].max() < 0.2
+    np.testing.assert_allclose(std[-1], np.sqrt(P_0 + (1 - weight[-1]) * E), rtol=0.15)
+    np.testing.assert_allclose(std[-1, :3], np.sqrt(E), rtol=0.15)
+    assert (np.diff(std[stop - 1 :], axis=0) >= -1e-12).all()
+
+
+def test_correction_before_the_first_label_is_zero():
+    """Before any label, and in a flight without labels, the prediction is that of the model."""
+    made = corrections(
+        team_filter(), lambda _k: constant_model(0.7), np.zeros((50, 3)), np.ones((50, 6)), np.zeros(50, bool)
     )
-    model = gp.condition(inputs, rng.normal(size=(len(inputs), 6)), hyper, capacity)
-    trained = dataclasses.replace(light_experiment().controller.residual_model, payload=model)
-    W = jax.vmap(residual_model.predict_payload, (None, 0))(trained, jnp.asarray(x))
-    f = np.concatenate([W.F, W.tau], axis=1)
-    more = rng.normal(size=(TICKS, 6)).cumsum(axis=0) * 0.1
-    labels = filtered_label(f) + more
-    innovation = innovations(make_filter(), lambda _k: trained, p, labels, np.ones(TICKS))
-    r = np.concatenate([innovation.r.payload.F, innovation.r.payload.tau], axis=1)
-    np.testing.assert_allclose(r, more, atol=1e-9)
-    rate = np.concatenate([innovation.rate.payload.F, innovation.rate.payload.tau], axis=1)
-    np.testing.assert_allclose(rate[1:], np.diff(more, axis=0) / DT, atol=1e-6)
-    assert not rate[0].any()
-    assert np.abs(f - f[0]).max() > 0.1
+    assert not any(np.any(x) for x in jax.tree.leaves((made.error, made.rate, made.nis, made.label_valid)))
 
 
-def test_correction_decays_to_its_mean_without_labels():
-    """Without labels the correction decays to its mean, or is held."""
-    t = DT * np.arange(TICKS)
-    labels = np.tile((3.0 + np.sin(2 * np.pi * t / 0.1))[:, None], (1, 6))
-    available = t < 0.5
-    labels[~available] = labels[available][-1]  # as in the estimator: constant
-    p = np.zeros((TICKS, 3))
-    used = lambda innovation: np.asarray(innovation.r.payload.F)[:, 0]  # noqa: E731
-    np.testing.assert_allclose(
-        used(innovations(make_filter(), lambda _k: light_experiment().controller.residual_model, p, labels, available)),
-        labels[:, 0],
-        atol=1e-12,
-    )
-    innovation = innovations(
-        make_filter(decay_time=0.05, averaging_time=0.2),
-        lambda _k: light_experiment().controller.residual_model,
-        p,
-        labels,
-        available,
-    )
-    np.testing.assert_allclose(used(innovation)[available], labels[available, 0], atol=1e-12)
-    np.testing.assert_allclose(innovation.correction_weight[available], 1.0)
-    average, b = labels[0, 0], 1 - np.exp(-DT / 0.2)
-    for y in labels[available, 0]:
-        average += b * (y - average)
-    v = np.asarray(light_experiment().controller.residual_model.payload.hyper.noise_variance)[0]
-    lasting = average**3 / (average**2 + 4 * v)
-    remaining = np.exp(-DT / 0.05 * (1 + np.arange((~available).sum())))
-    np.testing.assert_allclose(np.asarray(innovation.correction_weight)[~available], remaining, rtol=1e-9)
-    np.testing.assert_allclose(used(innovation)[~available], lasting + remaining * (labels[-1, 0] - lasting), rtol=1e-9)
+@pytest.mark.parametrize("kind", CORRECTORS)
+def test_outputs_without_labels_do_not_change_the_others(kind):
+    """The payload's correction is the same with and without labels of the agents, whose correction is not."""
+    rng, n = np.random.default_rng(11), 200
+    team, corrector = light_experiment().controller.team, CORRECTORS[kind]()
+    size = residual_correction.flatten(zero_residual(team)).size
+    y, dt = 1 + 0.1 * rng.normal(size=(n, size)).cumsum(axis=0), jnp.array(DT)
+
+    def run(on: np.ndarray) -> residual_correction.ResidualCorrection:
+        def step(state: Any, of: tuple) -> tuple:
+            y, valid, interval = of
+            label = residual_correction.unflatten(y, zero_residual(team))
+            observation = ResidualObservation(
+                label=label,
+                prediction=zero_residual(team),
+                update_index=jnp.zeros((), int),
+                label_valid=residual_correction.by_body(label, jnp.ones(()), valid),
+                interval=residual_correction.by_body(label, dt, interval),
+            )
+            correction, state = corrector.update(state, observation, ControlClock(t=jnp.zeros(()), dt=dt))
+            return state, correction
+
+        inputs = tuple(map(jnp.asarray, (y, on.astype(float), sample_intervals(on))))
+        return jax.jit(lambda: jax.lax.scan(step, corrector.init(team), inputs)[1])()
+
+    always, lost = run(np.ones(n, bool)), run(np.arange(n) < n // 2)
+    jax.tree.map(np.testing.assert_array_equal, always.error.payload, lost.error.payload)
+    jax.tree.map(np.testing.assert_array_equal, always.std.payload, lost.std.payload)
+    assert np.abs(always.error.agents[0].f_x - lost.error.agents[0].f_x)[n // 2 :].min(axis=0).max() > 1e-3
+    np.testing.assert_array_equal(lost.label_valid, np.arange(n) < n // 2)
 
 
-def test_model_replacement_is_bumpless():
-    """Prediction and innovation together stay at the labels."""
-    labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))
-
-    def model(k: jax.Array) -> residual_model.ResidualModel:
-        later = (k >= 200).astype(int)
-        return constant_model(0.5 + later.astype(float), later)
-
-    innovation = innovations(make_filter(), model, p, labels, np.ones(TICKS))
-    F = np.asarray(innovation.r.payload.F)[:, 0]
-    np.testing.assert_allclose(F[:200], 1.5, atol=1e-12)
-    np.testing.assert_allclose(F[200:], 0.5, atol=1e-12)
-    np.testing.assert_allclose(innovation.rate.payload.F, 0.0, atol=1e-9)
+def test_payload_has_a_label_without_tip_readings():
+    """An observation has labels of the payload in every period, and labels of the agents with tip readings."""
+    of, dt = light_experiment().controller, jnp.array(DT)
+    estimate = estimate_with_label(jnp.zeros(3), jnp.arange(6.0), jnp.zeros(()), jnp.array(0.3))
+    found = residual_correction.observe(of.residual_model, of.team, estimate, dt)
+    np.testing.assert_array_equal(six(found.label.payload), np.arange(6.0))
+    np.testing.assert_array_equal(six(found.label_valid.payload), 1.0)
+    np.testing.assert_array_equal(six(found.interval.payload), DT)
+    assert not any(np.any(x) for x in jax.tree.leaves(found.label_valid.agents))
+    assert all(np.all(x == 0.3) for x in jax.tree.leaves(found.interval.agents))
 
 
 def test_estimator_without_labels_is_refused():
-    lam = tuple(jnp.zeros_like(g.contact_position) for g in light_experiment().controller.team.agent_groups)
+    of = light_experiment()
+    lam = tuple(jnp.zeros_like(g.contact_position) for g in of.controller.team.agent_groups)
     without_labels = StateEstimate(
-        agents=light_experiment().initial_state.agents,
-        payload=light_experiment().initial_state.payload,
-        a_L=jnp.zeros(6),
-        lam=lam,
+        agents=of.initial_state.agents, payload=of.initial_state.payload, a_L=jnp.zeros(6), lam=lam
     )
     with pytest.raises(ValueError, match="provides no labels"):
-        make_filter().update(
-            make_filter().init(light_experiment().controller.team),
-            light_experiment().controller.team,
-            light_experiment().controller.residual_model,
-            without_labels,
-            ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)),
-        )
+        residual_correction.observe(of.controller.residual_model, of.controller.team, without_labels, jnp.array(DT))
+
+
+def test_outputs_of_all_bodies_are_one_vector():
+    team = light_experiment().controller.team
+    size = residual_correction.flatten(zero_residual(team)).size
+    x = jnp.arange(float(size))
+    np.testing.assert_array_equal(residual_correction.flatten(residual_correction.unflatten(x, zero_residual(team))), x)
+
+
+def test_standard_deviations_are_multiples_of_the_prior():
+    """Every output has the standard deviation of its prior, times the stated factor."""
+    from colift.scenario import controllers
+
+    prior, std = light.settings().learning.payload.signal_std, team_filter().std
+    np.testing.assert_allclose(std.payload.F, controllers.ERROR_STD_FACTOR * prior.force_N)
+    np.testing.assert_allclose(std.payload.tau, controllers.ERROR_STD_FACTOR * prior.moment_Nm)
 
 
 def test_changed_scenarios_differ_only_as_stated():
@@ -228,152 +450,92 @@ def test_changed_scenarios_differ_only_as_stated():
         assert {key for key in paper if paper[key] != options[key]} == differs
 
 
-def test_sparse_labels_are_held():
-    """The correction is constant between labels less than `hold_time` apart and decays after longer gaps."""
-    t = DT * np.arange(TICKS)
-    on = (np.arange(TICKS) % 10 == 0) & (t < 0.5)
-    last = np.maximum.accumulate(np.where(on, np.arange(TICKS), 0))
-    labels = np.tile((1.0 + 2.0 * last / 10 * DT)[:, None], (1, 6))  # the filter changes at labels only
-    innovation = innovations(
-        make_filter(decay_time=0.05, hold_time=0.05),
-        lambda _k: light_experiment().controller.residual_model,
-        np.zeros((TICKS, 3)),
-        labels,
-        on,
-    )
-    until = int(np.flatnonzero(on)[-1] + round(0.05 / DT))
-    rate = np.asarray(innovation.rate.payload.F)[:, 0]
-    np.testing.assert_allclose(rate[np.flatnonzero(on)[1:]], 2.0 / 10, rtol=1e-9)  # over the time since the last label
-    steps_since_label = np.arange(1, 10)
-    np.testing.assert_allclose(
-        rate[np.flatnonzero(on)[1] + steps_since_label], 0.2 * 10 / (10 + steps_since_label), rtol=1e-9
-    )
-    assert until + 50 < TICKS
-    np.testing.assert_allclose(np.asarray(innovation.correction_weight)[: until + 1], 1.0)
-    np.testing.assert_allclose(np.asarray(innovation.r.payload.F)[: until + 1, 0], labels[: until + 1, 0], atol=1e-12)
-    remaining = np.exp(-DT / 0.05 * np.arange(1, 51))
-    np.testing.assert_allclose(np.asarray(innovation.correction_weight)[until + 1 : until + 51], remaining, rtol=1e-9)
+# The label filter -----------------------------------------------------------------------------------------------------
 
 
-def test_recent_gaps_extend_the_hold_time():
-    """Labels 0.1 s apart do not count as lost although the hold time is half of that; a gap of twice that length
-    does.
-    """
-    on = (np.arange(TICKS) % 50 == 0) & (np.arange(TICKS) <= 200)
-    available = np.asarray(
-        innovations(
-            make_filter(decay_time=0.01, hold_time=0.05, averaging_time=10.0),
-            lambda _k: light_experiment().controller.residual_model,
-            np.zeros((TICKS, 3)),
-            np.zeros((TICKS, 6)),
-            on,
-        ).correction_weight
-    )
-    assert available[26:49].min() < 0.5, "the first gap is longer than any earlier one"
-    np.testing.assert_allclose(available[150:295], 1.0, atol=0.01)
-    assert available[310] < 0.5
+def label_corrections(labels: np.ndarray, on: np.ndarray | None = None) -> residual_correction.ResidualCorrection:
+    """Return the corrections of a zero model for labels behind the lag of the tip force sensors."""
+    on = np.ones(len(labels)) if on is None else on
+    held = labels[np.maximum.accumulate(np.where(on > 0, np.arange(len(labels)), 0))]
+    make = LabelFilter(filters=FILTERS, averaging_time=jnp.array(0.05))
+    return corrections(make, lambda _k: constant_model(0.0), np.zeros((len(labels), 3)), held, on)
 
 
-def test_delay_error_is_delay_times_rate():
-    t = DT * np.arange(TICKS)
-    labels = np.tile((3.0 * t)[:, None], (1, 6))
-    innovation = innovations(
-        make_filter(averaging_time=0.02),
-        lambda _k: light_experiment().controller.residual_model,
-        np.zeros((TICKS, 3)),
-        labels,
-        np.ones(TICKS),
-    )
-    delay = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
-    np.testing.assert_allclose(np.asarray(innovation.delay_error_rms.payload.F)[-1], 3.0 * delay, rtol=1e-6)
+def test_label_filter_subtracts_the_filtered_mean():
+    """If labels equal the mean behind the sensor lag, the correction is zero; otherwise the filtered difference."""
+    rng = np.random.default_rng(0)
+    p = np.cumsum(rng.normal(size=(TICKS, 3)), axis=0) * 0.05
+    x = np.concatenate([p, np.zeros((TICKS, 3)), np.tile(np.eye(3).ravel(), (TICKS, 1)), np.zeros((TICKS, 9))], axis=1)
+    inputs, of = np.asarray(features.payload_features(jnp.asarray(x[::40]))), light_experiment().controller
+    prior = of.residual_model.payload
+    model = gp.condition(inputs, rng.normal(size=(len(inputs), 6)), prior.hyper, prior.capacity)
+    trained = dataclasses.replace(of.residual_model, payload=model)
+    f = six(jax.vmap(residual_model.predict_payload, (None, 0))(trained, jnp.asarray(x)))
+    more = rng.normal(size=(TICKS, 6)).cumsum(axis=0) * 0.1
+    made = corrections(LabelFilter(filters=FILTERS), lambda _k: trained, p, sensed(f) + more, np.ones(TICKS))
+    expected = filtered_label(more)
+    np.testing.assert_allclose(six(made.error.payload), expected, atol=1e-9)
+    rate = six(made.rate.payload)
+    np.testing.assert_allclose(rate[1:], np.diff(expected, axis=0) / DT, atol=1e-6)
+    assert not rate[0].any()
+    assert np.abs(f - f[0]).max() > 0.1
 
 
-def zero_model_innovations(f: np.ndarray) -> residual_correction.Innovation:
-    """Return the innovations of a zero model for the labels of f."""
-    none = constant_model(0.0)
-    return innovations(make_filter(), lambda _k: none, np.zeros((TICKS, 3)), filtered_label(f), np.ones(TICKS))
+def test_label_filter_holds_the_correction_without_labels():
+    """The correction is constant between labels, and its rate is the last change over the time since the label."""
+    t, on = DT * np.arange(TICKS), np.arange(TICKS) % 10 == 0
+    labels = np.tile((1.0 + 2.0 * t)[:, None], (1, 6))
+    made = label_corrections(labels, on)
+    error, rate, last = six(made.error.payload), six(made.rate.payload), np.flatnonzero(on)[1:]
+    np.testing.assert_allclose(error, error[10 * (np.arange(TICKS) // 10)], atol=1e-12)
+    np.testing.assert_allclose(rate[last], np.diff(error[::10], axis=0) / (10 * DT), rtol=1e-9)
+    np.testing.assert_allclose(rate[last[-5:]], 2.0, rtol=0.01)
+    since = np.arange(1, 10)
+    np.testing.assert_allclose(rate[last[0] + since, 0], rate[last[0], 0] * 10 / (10 + since), rtol=1e-9)
+    np.testing.assert_allclose(six(made.weight.payload), 1.0)
+
+
+def test_label_filter_states_the_change_over_delay_and_age():
+    """On a ramp the standard deviation is rate times delay and age of the label, at most that of two instants."""
+    slope, stop = 3.0, 300
+    labels = np.tile(slope * DT * np.arange(2 * TICKS)[:, None], (1, 6))
+    made = label_corrections(labels, np.arange(2 * TICKS) < stop)
+    std, age = six(made.std.payload)[:, 0], DT * np.arange(2 * TICKS - stop)
+    assert std[stop - 1] == pytest.approx(slope * DELAY, rel=1e-4)
+    limit = std[-1]
+    np.testing.assert_allclose(std[stop:], np.minimum(slope * (DELAY + DT + age), limit), rtol=1e-4)
+    b = -np.expm1(-DT / 0.05)
+    mean_square = lfilter([b], [1, b - 1], six(made.error.payload)[1:stop, 0] ** 2)[-1]
+    assert limit == pytest.approx(np.sqrt(2 * mean_square), rel=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_correction_error_is_bounded_by_the_label_delay(seed):
-    """`|f - r| <= D sup|df/dt| + sup|error|`; with the lead twice the first term."""
+    """`|f - d| <= D sup|df/dt| + sup|error|`; with the lead twice the first term."""
     rng = np.random.default_rng(seed)
     f = low_pass(low_pass(rng.normal(size=(TICKS, 6)).cumsum(axis=0), rng.uniform(1, 30)), 5.0)
-    rate, delay = np.abs(np.diff(f, axis=0)).max(axis=0) / DT, float(FILTERS.label_delay())
+    rate = np.abs(np.diff(f, axis=0)).max(axis=0) / DT
     off = 0.01 * rng.uniform(-1, 1, size=f.shape)
-    r = six(zero_model_innovations(f + off).r.payload)
-    assert (np.abs(f - r) <= delay * rate + 0.01 + 1e-12).all()
-    exact = zero_model_innovations(f)
-    ahead = six(exact.r.payload) + delay * six(exact.rate.payload)
-    assert (np.abs(f - ahead) <= 2 * delay * rate + 1e-12).all()
+    d = six(label_corrections(sensed(f + off)).error.payload)
+    assert (np.abs(f - d) <= DELAY * rate + 0.01 + 1e-12).all()
+    exact = label_corrections(sensed(f))
+    ahead = six(exact.error.payload) + DELAY * six(exact.rate.payload)
+    assert (np.abs(f - ahead) <= 2 * DELAY * rate + 1e-12).all()
 
 
 def test_correction_error_on_a_ramp():
     """On a ramp the correction error is the label delay times the rate."""
     slopes = np.linspace(-2, 2, 6)
     ramp = np.outer(np.arange(TICKS) * DT, slopes)
-    remaining = (ramp - six(zero_model_innovations(ramp).r.payload))[-1]
-    np.testing.assert_allclose(remaining, (float(FILTERS.label_delay()) - 1.5 * DT) * slopes, rtol=1e-2)
+    remaining = (ramp - six(label_corrections(sensed(ramp)).error.payload))[-1]
+    np.testing.assert_allclose(remaining, (DELAY - 1.5 * DT) * slopes, rtol=1e-2)
 
 
-def test_sparse_labels_add_their_mean_age_to_the_delay():
-    """With a label every tenth step the last label is up to nine steps old, 4.5 on average."""
-    t = DT * np.arange(TICKS)
-    labels = np.tile((3.0 * t)[:, None], (1, 6))
-    delay = 2 / (2 * np.pi * CORNERS["label"]) + 1 / (2 * np.pi * CORNERS["tip_force"])
-
-    def late(on: np.ndarray) -> np.ndarray:
-        held = labels[np.maximum.accumulate(np.where(on > 0, np.arange(TICKS), 0))]
-        innovation = innovations(
-            make_filter(hold_time=1.0, averaging_time=0.005),
-            lambda _k: light_experiment().controller.residual_model,
-            np.zeros((TICKS, 3)),
-            held,
-            on,
-        )
-        return np.asarray(innovation.delay_error_rms.payload.F)[-10:].mean()
-
-    always, tenth = late(np.ones(TICKS)), late(np.arange(TICKS) % 10 == 0)
-    np.testing.assert_allclose(always, 3.0 * delay, rtol=1e-6)
-    np.testing.assert_allclose(tenth, 3.0 * (delay + 4.5 * DT), rtol=0.05)
+# The corrected prediction ---------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("decay_time", [0.005, np.inf])
-def test_correction_error_after_labels_stop(decay_time):
-    """For labels that oscillate about zero: the root of their mean square, or about the held value."""
-    t = DT * np.arange(TICKS)
-    stop = TICKS // 2
-    labels = np.tile((0.8 * np.sin(2 * np.pi * 20 * np.minimum(t, t[stop - 1])))[:, None], (1, 6))
-    on = np.arange(TICKS) < stop
-    model = light_experiment().controller.residual_model
-    innovation = innovations(
-        make_filter(decay_time=decay_time, averaging_time=0.1), lambda _k: model, np.zeros((TICKS, 3)), labels, on
-    )
-    remaining, r = (np.asarray(x.payload.F)[:, 0] for x in (innovation.correction_error_rms, innovation.r))
-    np.testing.assert_array_equal(innovation.labels_available, on)
-    swing, used = 0.8 / np.sqrt(2), r[-1]
-    np.testing.assert_allclose(remaining[-1], np.hypot(swing, used), rtol=0.2)
-    np.testing.assert_allclose(remaining[stop + 50 :], remaining[-1], rtol=1e-3)
-
-
-def test_lasting_innovation_restarts_at_a_new_model():
-    """A new model that contains the labels leaves no correction when labels stop; another model leaves all of it."""
-    labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))
-    on = np.arange(TICKS) < 210
-    for taken_in, remaining in ((2.0, 0.0), (0.0, 2.0)):
-
-        def model(k: jax.Array, taken_in: float = taken_in) -> residual_model.ResidualModel:
-            later = (k >= 200).astype(int)
-            return constant_model(taken_in * later.astype(float), later)
-
-        innovation = innovations(make_filter(decay_time=0.01, averaging_time=0.02), model, p, labels, on)
-        v = np.asarray(light_experiment().controller.residual_model.payload.hyper.noise_variance)[0]
-        expected = remaining**3 / (remaining**2 + 4 * v)
-        np.testing.assert_allclose(np.asarray(innovation.r.payload.F)[-1, 0], expected, atol=0.01)
-
-
-class ZeroPredictor(residual_predictors.LearnedResidual):
-    """Predictor that predicts zero."""
+class ConstantPredictor(residual_predictors.LearnedResidual):
+    """Predictor that predicts seven for all outputs."""
 
     def predict(
         self,
@@ -382,257 +544,54 @@ class ZeroPredictor(residual_predictors.LearnedResidual):
         context: interfaces.ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
     ) -> ResidualForces:
-        """Return zero."""
-        return zero_residual(context.team)
+        """Return seven."""
+        return jax.tree.map(lambda x: jnp.full_like(x, 7.0), zero_residual(context.team))
 
 
-def predict_payload(last: residual_correction.Innovation, of: residual_predictors.LearnedResidual) -> Wrench:
-    """Return the predicted payload residual for another base predictor."""
-    controller = light_experiment().controller
-    q_hat = estimate_with_label(jnp.zeros(3), jnp.zeros(6), jnp.ones(()), jnp.array(DT))
-    d, W = controller.reference.evaluate(last.t), Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    clock = ControlClock(t=last.t, dt=jnp.array(DT))
+def predicted(
+    correction: residual_correction.ResidualCorrection | None, lead_time: float, preview: float, attenuation: float
+) -> ResidualForces:
+    """Return the corrected prediction a preview time after the control period of the correction."""
+    controller, t = light_experiment().controller, jnp.array(0.3)
     context = interfaces.ControlContext(
         team=controller.team,
-        clock=clock,
+        clock=ControlClock(t=t + preview, dt=jnp.array(DT)),
         measurement=None,
-        estimate=q_hat,
-        setpoint=d,
-        last_wrench=W,
+        estimate=estimate_with_label(jnp.zeros(3), jnp.zeros(6), jnp.ones(()), jnp.array(DT)),
+        setpoint=controller.reference.evaluate(t),
+        last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
         initialized=jnp.ones(()),
-        innovation=last,
+        correction=None if correction is None else dataclasses.replace(correction, t=t),
     )
     acceleration_cmd = tracking.AccelerationCommand(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
-    attenuation = tuple(jnp.ones(size) for size in controller.team.sizes)
-    predictor = residual_predictors.InnovationCorrection(
-        base=of, lead_time=FILTERS.label_delay(), rate_attenuation=attenuation
+    predictor = residual_predictors.CorrectedResidual(
+        base=ConstantPredictor(),
+        lead_time=jnp.array(lead_time),
+        rate_attenuation=tuple(jnp.full(size, attenuation) for size in controller.team.sizes),
     )
-    return predictor.predict((), constant_model(0.0), context, acceleration_cmd).payload
+    return predictor.predict((), constant_model(0.0), context, acceleration_cmd)
 
 
-def extrapolated_share(innovation: residual_correction.Innovation) -> np.ndarray:
-    """Return the share of the label delay by which each payload output is extrapolated."""
-    last = jax.tree.map(lambda x: x[-1], innovation)
-    f = predict_payload(last, ZeroPredictor())
-    more = np.concatenate([f.F - last.r.payload.F, f.tau - last.r.payload.tau])
-    return more / np.concatenate([last.rate.payload.F, last.rate.payload.tau]) / float(FILTERS.label_delay())
-
-
-def behind_the_labels_filter(x: np.ndarray) -> np.ndarray:
-    return low_pass(low_pass(x, CORNERS["label"]), CORNERS["label"])
-
-
-def innovations_of_labels(
-    labels: np.ndarray, coherence: float, on: np.ndarray | None = None
-) -> residual_correction.Innovation:
-    """Return the innovations of these labels relative to a zero model."""
-    on = np.ones(len(labels)) if on is None else on
-    options = make_filter(variance_ratio=10.0, coherence=coherence)
-    return innovations(options, lambda _k: constant_model(0.0), np.zeros((len(labels), 3)), labels, on)
-
-
-def extrapolation_gain_by_definition(labels: np.ndarray, coherence: float) -> np.ndarray:
-    """Return w by definition: a rate is compared with the label one delay later, then the next one is."""
-    v, delay, averaging_time = payload_label_variances(), float(FILTERS.label_delay()), 5.0
-    every = int(np.ceil(delay / DT - 1e-6))
-    rate, h = np.diff(labels, axis=0, prepend=labels[:1]) / DT, np.exp(-2 * np.pi * CORNERS["label"] * delay)
-    c, s, w, index, weight = np.zeros(6), np.zeros(6), [], None, 0.0
-    for k in range(len(labels)):
-        if k > 0 and (k + 1) % every == 0:
-            b = 1 - np.exp(-every * DT / averaging_time)
-            weight += b * (1 - weight)
-            if index is not None:
-                predicted_change = every * DT * rate[index]
-                c, s = c + b * ((labels[k] - labels[index]) * predicted_change - c), s + b * (predicted_change**2 - s)
-            index = k
-        w.append(np.clip(weight * 10 * (c - h * s) / (1 - h) / (coherence * (v + 10 * s)), 0, 1))
-    return np.array(w)
-
-
-def test_extrapolation_gain_is_the_confirmed_share():
-    """By independent running means; for a sine it is `sin(omega D) / (omega D)`, minus the share that noise
-    confirms.
-    """
-    rng, t = np.random.default_rng(1), DT * np.arange(6000)
-    late, h = (
-        DT * np.ceil(float(FILTERS.label_delay()) / DT),
-        np.exp(-2 * np.pi * CORNERS["label"] * float(FILTERS.label_delay())),
-    )
-    white = behind_the_labels_filter(rng.normal(size=(len(t), 6)))
-    white *= np.sqrt(payload_label_variances()) / white[500:].std(axis=0)
-    swing = lambda hertz: 1e3 * np.sqrt(payload_label_variances()) * np.sin(2 * np.pi * hertz * t)[:, None]  # noqa: E731
-    for labels, hertz in ((swing(0.5), 0.5), (swing(5.0), 5.0), (white, None)):
-        w = six(innovations_of_labels(labels, 1.0).extrapolation_gain.payload)
-        np.testing.assert_allclose(w, extrapolation_gain_by_definition(labels, 1.0), atol=1e-9)
-        weight = 1 - np.exp(-t[-1] / 5)
-        confirmed = 0.0 if hertz is None else max(0.0, weight * (np.sinc(2 * hertz * late) - h) / (1 - h))
-        np.testing.assert_allclose(w[-1], confirmed, atol=0.08)
-
-
-def test_correction_is_extrapolated_by_the_confirmed_share():
-    """Half of a sine's square may be noise; with coherence 0 the whole rate is used."""
-    rng, t = np.random.default_rng(1), DT * np.arange(3000)
-    white = behind_the_labels_filter(rng.normal(size=(len(t), 6)))
-    swing = 1e3 * np.sin(2 * np.pi * t)[:, None]
-    assert extrapolated_share(innovations_of_labels(white, 0.5)).max() < 0.2
-    np.testing.assert_allclose(extrapolated_share(innovations_of_labels(0 * white + swing, 0.5)), 1, atol=1e-6)
-    np.testing.assert_allclose(extrapolated_share(innovations_of_labels(white, 0.0)), 1, rtol=1e-9)
-
-
-def test_extrapolation_gain_is_constant_without_labels():
-    """Without labels the gain does not change."""
-    t = DT * np.arange(3000)
-    labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * np.minimum(t, 4.0)))[:, None], (1, 6))
-    w = six(innovations_of_labels(labels, 1.0, (t < 4.0).astype(float)).extrapolation_gain.payload)
-    assert w[1990].min() > 0.5
-    np.testing.assert_array_equal(w[2000:], np.broadcast_to(w[2000], w[2000:].shape))
-
-
-def gain_across_gap(gap: float, jump: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return w of a sine before a gap of labels and at the first label after it, which is higher by a jump."""
-    t = DT * np.arange(4000)
-    on = (t < 4.0) | (t >= 4.0 + gap)
-    last = np.maximum.accumulate(np.where(on, np.arange(len(t)), 0))
-    labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * t) + jump * (t > 4.0))[last][:, None], (1, 6))
-    options = make_filter(variance_ratio=10.0, coherence=1.0, decay_time=0.3, hold_time=0.2)
-    w = six(
-        innovations(
-            options, lambda _k: constant_model(0.0), np.zeros((len(t), 3)), labels, on
-        ).extrapolation_gain.payload
-    )
-    return w[1999], w[int(np.flatnonzero(on & (t > 4.0))[0])]
-
-
-@pytest.mark.parametrize("gap", [0.5, 1.0, 2.0])
-@pytest.mark.parametrize("jump", [0.0, 100.0])
-def test_rates_before_a_gap_are_not_compared_after_it(gap, jump):
-    """For any jump of the labels during the gap, also after the gain has decayed."""
-    before, again = gain_across_gap(gap, jump)
-    assert before.min() > 0.5
-    np.testing.assert_array_equal(again, before)
-
-
-def test_rates_before_a_short_gap_are_compared():
-    before, again = gain_across_gap(0.1, 100.0)
-    assert (np.abs(again - before) > 0.1).all()
-
-
-def test_model_replacement_does_not_change_the_gain():
-    """The difference of the models is no change of the innovation."""
-    t = DT * np.arange(3000)
-    labels = np.tile((10 * np.sin(2 * np.pi * 0.5 * t))[:, None], (1, 6))
-
-    def model(k: jax.Array) -> residual_model.ResidualModel:
-        later = (k >= 1520).astype(int)
-        return constant_model(50.0 * later.astype(float), later)
-
-    options, p = make_filter(variance_ratio=10.0, coherence=1.0), np.zeros((len(t), 3))
-    one, other = (
-        innovations(options, of, p, labels, np.ones(len(t))) for of in (lambda _k: constant_model(0.0), model)
-    )
-    np.testing.assert_allclose(six(one.extrapolation_gain.payload), six(other.extrapolation_gain.payload), atol=1e-6)
-
-
-def labels_with_gain(
-    gain: float, variance_ratio: float, on: np.ndarray | None = None
-) -> tuple[np.ndarray, np.ndarray, residual_correction.Innovation]:
-    """Return the filtered mean along a path, labels with `gain` times its changes plus noise, and the innovations."""
-    rng = np.random.default_rng(2)
-    t = DT * np.arange(2 * TICKS)
-    p = np.stack([np.sin(2 * np.pi * t / 0.4), np.cos(2 * np.pi * t / 0.3), 0 * t], axis=1)
-    x = np.concatenate([p, 0 * p, np.tile(np.eye(3).ravel(), (len(t), 1)), np.zeros((len(t), 9))], axis=1)
-    inputs = np.asarray(features.payload_features(jnp.asarray(x[::40])))
-    y = 20 * np.sqrt(payload_label_variances()) * np.stack([p[::40, i % 2] for i in range(6)], axis=1)
-    trained = dataclasses.replace(
-        light_experiment().controller.residual_model,
-        payload=gp.condition(
-            inputs,
-            y,
-            light_experiment().controller.residual_model.payload.hyper,
-            light_experiment().controller.residual_model.payload.capacity,
-        ),
-    )
-    W = jax.vmap(residual_model.predict_payload, (None, 0))(trained, jnp.asarray(x))
-    mean = low_pass(low_pass(low_pass(np.concatenate([W.F, W.tau], axis=1), 50.0), 8.0), 8.0)
-    labels = 3.0 + gain * mean + 0.1 * np.sqrt(payload_label_variances()) * rng.normal(size=mean.shape)
-    on = np.ones(len(t)) if on is None else on
-    labels = labels[np.maximum.accumulate(np.where(on > 0, np.arange(len(t)), 0))]  # constant without labels
-    return (
-        mean,
-        labels,
-        innovations(make_filter(variance_ratio=variance_ratio, decay_time=0.01), lambda _k: trained, p, labels, on),
-    )
-
-
-def six(W: Wrench) -> np.ndarray:
-    return np.concatenate([W.F, W.tau], axis=1)
-
-
-def test_model_gain_is_the_share_confirmed_by_labels():
-    """By two independent running means; for labels that are constant or move in the opposite direction it is zero."""
-    for gain in (1.0, 0.4, 0.0, -1.0):
-        mean, labels, innovation = labels_with_gain(gain, 10.0)
-        b = 1 - np.exp(-DT / 0.5)
-        dy, df = labels - low_pass(labels, 8.0), mean - low_pass(mean, 8.0)
-        products, squares = (lfilter([b], [1, b - 1], df * other, axis=0) for other in (dy, df))
-        expected = np.clip(
-            (payload_label_variances() + 10 * products) / (payload_label_variances() + 10 * squares), 0, 1
+def test_prediction_extrapolates_over_lead_and_preview_time():
+    """The model plus correction and rate over lead time and preview; agents use a share of the rate."""
+    rng, team = np.random.default_rng(12), light_experiment().controller.team
+    zero = residual_correction.zero_correction(zero_residual(team), jnp.zeros(()))
+    size = residual_correction.flatten(zero.error).size
+    d, v = rng.normal(size=(2, size))
+    forces = lambda x: residual_correction.unflatten(jnp.asarray(x), zero_residual(team))  # noqa: E731
+    correction = dataclasses.replace(zero, error=forces(d), rate=forces(v))
+    found = np.asarray(residual_correction.flatten(predicted(correction, 0.02, 0.03, 0.4)))
+    attenuation = np.asarray(
+        residual_correction.flatten(
+            ResidualForces(
+                payload=jax.tree.map(jnp.ones_like, zero.error.payload),
+                agents=jax.tree.map(lambda x: jnp.full_like(x, 0.4), zero.error.agents),
+            )
         )
-        np.testing.assert_allclose(six(innovation.model_gain.payload), expected, atol=1e-9)
-        np.testing.assert_allclose(expected[-1], max(gain, 0.0), atol=0.05)
-        np.testing.assert_allclose(
-            six(innovation.r.payload) + six(innovation.filtered_prediction.payload), labels, atol=1e-9
-        )
-        rate = np.diff(labels, axis=0) - expected[1:] * np.diff(mean, axis=0)
-        np.testing.assert_allclose(six(innovation.rate.payload)[1:], rate / DT, atol=1e-7)
-    assert (six(labels_with_gain(0.0, 0.0)[2].model_gain.payload) == 1).all(), (
-        "without variance ratio the model gain is one"
     )
+    np.testing.assert_allclose(found, 7.0 + d + 0.05 * attenuation * v, rtol=1e-9, atol=1e-9)
 
 
-def test_model_gain_is_one_without_labels():
-    on = (np.arange(2 * TICKS) < 700).astype(float)
-    gain = six(labels_with_gain(0.0, 10.0, on)[2].model_gain.payload)
-    assert gain[699].max() < 0.2
-    assert gain[-1].min() > 0.999
-
-
-def test_prediction_weights_model_and_label():
-    """The prediction is label plus rate for alpha 0, and model plus innovation for alpha 1."""
-
-    class Far(ZeroPredictor):
-        """Predictor that predicts seven for all outputs."""
-
-        def predict(
-            self,
-            state: Any,
-            model: residual_model.ResidualModel,
-            context: interfaces.ControlContext,
-            acceleration_cmd: tracking.AccelerationCommand,
-        ) -> ResidualForces:
-            """Return seven."""
-            return jax.tree.map(lambda x: jnp.full_like(x, 7.0), zero_residual(context.team))
-
-    like = zero_residual(light_experiment().controller.team)
-    for alpha, expected in ((0.0, 3.0), (0.5, 3.0 + 0.5 * (7 - 2)), (1.0, 7.0 + 1.0)):
-        last = dataclasses.replace(
-            residual_correction.zero_innovation(light_experiment().controller.team, jnp.zeros(())),
-            r=jax.tree.map(jnp.ones_like, like),
-            filtered_prediction=jax.tree.map(lambda x: jnp.full_like(x, 2.0), like),
-            model_gain=jax.tree.map(lambda x, alpha=alpha: jnp.full_like(x, alpha), like),
-        )
-        np.testing.assert_allclose(predict_payload(last, Far()).F, expected, rtol=1e-12)
-
-
-def test_model_replacement_does_not_change_model_gain():
-    """The difference of the models is no change of the mean."""
-    labels, p = np.full((TICKS, 6), 2.0), np.zeros((TICKS, 3))
-    innovation = innovations(
-        make_filter(variance_ratio=1e6),
-        lambda k: constant_model(5.0 * (k >= 200).astype(float), (k >= 200).astype(int)),
-        p,
-        labels,
-        np.ones(TICKS),
-    )
-    np.testing.assert_allclose(six(innovation.model_gain.payload), 1.0, atol=1e-9)
-    np.testing.assert_allclose(six(innovation.rate.payload), 0.0, atol=1e-9)
+def test_prediction_without_a_corrector_is_refused():
+    with pytest.raises(ValueError, match="residual_corrector"):
+        predicted(None, 0.0, 0.0, 1.0)

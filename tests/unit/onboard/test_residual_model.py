@@ -230,28 +230,18 @@ def test_constant_mean_is_the_mean_of_the_labels(trained):
 # Online updates -------------------------------------------------------------------------------------------------------
 
 
-def test_conditioned_model_is_the_posterior_of_new_samples(trained):
-    """With the fitted hyperparameters."""
-    model, _ = trained
-    load, agents = samples(7, 40, 24, 6), dataclasses.replace(samples(8, 40, 24, 9, (2,)), n=jnp.array([1, 40]))
-    conditioned = model_update.condition(model, both(load, agents), {})
-    assert int(conditioned.update_index) == int(model.update_index) + 1
-    assert int(conditioned.payload.num_points) == 40
-    assert list(conditioned.agents[0].num_points) == [30, 40]  # one sample is too few: the first body is unchanged
-    expected = gp.condition(payload_features(load.X[:40]), load.Y[:40], model.payload.hyper, CAPACITY)
-    x = payload_features(jnp.array(np.random.default_rng(9).normal(size=24)))
-    np.testing.assert_allclose(gp.mean(conditioned.payload, x), gp.mean(expected, x), atol=1e-9)
-    for body in (conditioned.payload, conditioned.agents[0]):
-        was = model.payload if body is conditioned.payload else model.agents[0]
-        np.testing.assert_array_equal(body.hyper.lengthscales, was.hyper.lengthscales)
-
-
 def test_path_samples_are_kept_within_the_budget(trained):
     """Samples of a path are kept although the team then stays at one point for twice the budget."""
     model, _ = trained
     path, agents = samples(7, CAPACITY // 2, 24, 6), samples(8, 30, 24, 9, (2,))
     nothing = jax.tree.map(jnp.zeros_like, both(path, agents))
-    kept = model_update.select_samples(model, nothing, both(path, agents), -1.0, 5.0, 20.0, {})
+    variations = dict.fromkeys(("payload", (0, 0), (0, 1)), model_update.Variation(rate=1 / 8000))
+
+    def select(previous, recorded, last, t):
+        merged = model_update.merge_samples(previous, recorded, last)
+        return model_update.select_samples(model, merged, previous, t, variations)
+
+    kept = select(nothing, both(path, agents), -1.0, 5.0)
     for body, expected in model_update.samples_by_body(both(path, agents)).items():
         for one, other in zip(model_update.samples_by_body(kept)[body], expected, strict=True):
             np.testing.assert_array_equal(one, other)
@@ -260,9 +250,7 @@ def test_path_samples_are_kept_within_the_budget(trained):
         again = [jnp.broadcast_to(x[:1], x.shape) for x in (place.X, place.Y)]
         t = jnp.asarray(10.0 * (k + 1) + 0.1 * np.arange(CAPACITY))
         here = dataclasses.replace(place, X=again[0], Y=again[1], t=t, n=jnp.asarray(CAPACITY))
-        kept = model_update.select_samples(
-            model, kept, both(here, agents), 10.0 * (k + 1) - 1, 10.0 * (k + 2), 20.0, {}
-        )
+        kept = select(kept, both(here, agents), 10.0 * (k + 1) - 1, 10.0 * (k + 2))
     _, _, t = model_update.samples_by_body(kept)["payload"]
     assert len(t) == CAPACITY
     assert (t < 5).sum() == CAPACITY // 2
@@ -273,23 +261,26 @@ def test_path_samples_are_kept_within_the_budget(trained):
     ]  # no sample is selected twice
 
 
-def test_samples_before_a_change_point_are_dropped_first(trained):
+def test_noise_of_the_selection_states_the_changes_since(trained, monkeypatch):
+    """Noise variance plus the variance of random walk and jumps since a sample, in noise variances."""
     model, _ = trained
     load, agents = samples(7, CAPACITY, 24, 6), samples(8, 30, 24, 9, (2,))
-    one = jax.tree.map(lambda x: jnp.broadcast_to(x[:1], x.shape) if x.ndim == 2 else x, samples(9, 20, 24, 6))
-    kept = model_update.select_samples(
-        model, jax.tree.map(jnp.zeros_like, both(load, agents)), both(load, agents), -1.0, 5.0, 20.0, {}
+    later = dataclasses.replace(load, t=load.t + 10.0)
+    merged = model_update.merge_samples(both(load, agents), both(later, agents), 9.0)
+    found, original = [], gp.select_subset
+    monkeypatch.setattr(gp, "select_subset", lambda *given: found.append(given[3]) or original(*given))
+    variations = {body: model_update.Variation(rate=1e-3, times=(2.0, 9.9)) for body in merged}
+    model_update.select_samples(model, {"payload": merged["payload"]}, both(load, agents), 15.0, variations)
+    t, ratio = (
+        merged["payload"][2],
+        float((model.payload.hyper.signal_variance / model.payload.hyper.noise_variance)[0]),
     )
-    change = {"payload": model_update.make_change_point(model, "payload", 9.9)}
-    later = dataclasses.replace(one, t=one.t + 10.0)
-    t = model_update.samples_by_body(
-        model_update.select_samples(model, kept, both(later, agents), 9.0, 12.0, 20.0, change)
-    )["payload"][2]
-    assert (t > 9).sum() == 20
+    jumps = (t < 2.0).astype(float) + (t < 9.9)
+    np.testing.assert_allclose(found[0], 1 + ratio * (1e-3 * (15.0 - t) + gp.JUMP_SHARE * jumps), rtol=1e-12)
 
 
 def test_samples_are_sorted_by_time(trained):
-    """Rows of an overwritten buffer are out of order; of a changed body only newer rows count."""
+    """Rows of an overwritten buffer are out of order."""
     model, _ = trained
     load, agents = samples(7, 40, 24, 6), samples(8, 40, 24, 9, (2,))
     turned = jax.tree.map(lambda x: jnp.roll(x[:40], 13, axis=0), (load.X, load.Y, load.t))
@@ -300,53 +291,6 @@ def test_samples_are_sorted_by_time(trained):
         strict=True,
     ):
         np.testing.assert_array_equal(one, other)
-    X, Y, t = model_update.regression_targets(
-        model, both(mixed, agents), {"payload": model_update.make_change_point(model, "payload", 2.0)}
-    )["payload"]
-    assert t[0] == pytest.approx(2.0)
-    assert len(t) == 20
-    np.testing.assert_array_equal(Y, load.Y[20:40])
-    np.testing.assert_array_equal(X, payload_features(load.X[20:40]))
-
-
-def test_leave_one_out_error_detects_misfit(trained):
-    """The leave-one-out error is large only for a model that does not fit."""
-    trained_model, _ = trained
-    model = trained_model.payload
-    assert 0.2 < model_update.loo_normalized_error(model, 30) < 2
-    each = [gp.condition(np.delete(model.X[:30], k, 0), np.delete(model.Y[:30], k, 0), model.hyper) for k in (28, 29)]
-    predictions = [gp.predict(one, model.X[k][None]) for one, k in zip(each, (28, 29), strict=True)]
-    v = np.asarray(model.hyper.noise_variance)
-    expected = [(model.Y[k] - m[0]) ** 2 / (s[0] + v) for (m, s), k in zip(predictions, (28, 29), strict=True)]
-    np.testing.assert_allclose(model_update.loo_normalized_error(model, 2), np.mean(expected), rtol=1e-6)
-    jumps = np.asarray(model.Y[:30]) + 20.0 * (-1.0) ** np.arange(30)[:, None]
-    assert model_update.loo_normalized_error(gp.condition(model.X[:30], jumps, model.hyper), 30) > 10
-
-
-def test_change_point_adds_a_constant_offset(trained):
-    """New labels differ by a constant: the offset model is correct at the old samples too."""
-    model, _ = trained
-    old, more = samples(0, 30, 24, 6), np.array([3.0, -2.0, 1.0, 0.5, -0.5, 0.2])
-    there = gp.predict(model.payload, payload_features(old.X[:5]))[0]
-    new = dataclasses.replace(
-        old, Y=jnp.concatenate([there, old.Y[5:]]) + jnp.tile(more, (CAPACITY, 1)), t=old.t + 10.0
-    )
-    new = dataclasses.replace(new, n=jnp.asarray(5))
-    change = model_update.make_change_point(model, "payload", 9.0)
-    conditioned = model_update.condition(model, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change})
-    assert int(conditioned.payload.num_points) == 35
-    queries = payload_features(old.X[5:30])
-    before, after = (gp.predict(of.payload, queries)[0] for of in (model, conditioned))
-    np.testing.assert_allclose(after - before, np.tile(more, (25, 1)), atol=0.1)
-    pending = model_update.condition(model, both(new, samples(1, 30, 24, 9, (2,))), {"payload": change}, {"payload"})
-    assert int(pending.payload.num_points) == 30
-    moved = gp.predict(pending.payload, queries)[0] - before
-    np.testing.assert_allclose(moved, np.tile(more, (25, 1)), atol=1e-9)  # only the offset
-    np.testing.assert_array_equal(pending.payload.alpha, model.payload.alpha)
-    full = dataclasses.replace(samples(3, CAPACITY, 24, 6), t=old.t + 10.0)
-    alone = model_update.condition(model, both(full, samples(1, 30, 24, 9, (2,))), {"payload": change})
-    assert int(alone.payload.num_points) == CAPACITY  # no capacity for older samples
-    np.testing.assert_allclose(alone.payload.Y, full.Y)
 
 
 def test_drag_thrust_mean(trained):

@@ -14,14 +14,13 @@ from colift import gp
 from colift.models.parameters import Payload
 from colift.onboard.learning import (
     features,
-    identification,
     mean_functions,
     model_update,
     recorder,
     residual_model,
     semiparametric,
 )
-from tests.unit.onboard.test_residual_model import STATED, TRAINING, both, prior, samples
+from tests.unit.onboard.test_residual_model import STATED, TRAINING, both
 
 ROOM, N = 128, 100
 MASS, C, K = -0.4, 0.3, 0.8
@@ -96,13 +95,19 @@ def untrained_model() -> residual_model.ResidualModel:
     )
 
 
-BODIES = ("payload", (0, 0), (0, 1))
-
-
 @pytest.fixture(scope="module")
 def trained() -> tuple[residual_model.ResidualModel, model_update.Fits, dict]:
     """Model of one flight."""
-    return semiparametric.fit(untrained_model(), recorded_flight(0), training(), MEAN, {}, BODIES)
+    return fitted(recorded_flight(0))
+
+
+def fitted(dataset: recorder.RecorderState) -> tuple[residual_model.ResidualModel, model_update.Fits, dict]:
+    """Return model, fits and covariances of the mean parameters for constant residuals."""
+    model, fits, variations = semiparametric.fit(untrained_model(), dataset, training(), MEAN, {})
+    assert variations == {}
+    model, covariances = semiparametric.condition(model, dataset, MEAN, 13.0)
+    assert int(model.update_index) == 1
+    return model, fits, covariances
 
 
 def test_mass_drag_and_thrust_are_separated_from_the_field(trained):
@@ -159,8 +164,8 @@ def test_mean_uncertainty_calibrates_extrapolation():
     squares, bare = [], []
     for seed in range(6):
         dataset, fast = recorded_flight(10 + seed), recorded_flight(50 + seed, times=2.0)
-        fitted_model, _, covariances = semiparametric.fit(untrained_model(), dataset, training(), MEAN, {}, BODIES)
-        uncertainties = semiparametric.mean_uncertainties(fitted_model, dataset, covariances, {})
+        fitted_model, _, covariances = fitted(dataset)
+        uncertainties = semiparametric.mean_uncertainties(fitted_model, dataset, covariances)
         for body in ("payload", (0, 1)):
             (Z, left, _), x = (
                 model_update.regression_targets(fitted_model, fast)[body],
@@ -179,122 +184,32 @@ def test_mean_uncertainty_calibrates_extrapolation():
     assert np.mean(bare) > np.mean(squares)
 
 
-def test_unselected_bodies_are_unchanged(trained):
-    """A body that is not selected keeps its mean and hyperparameters."""
-    model, fits, _ = trained
-    change = {"payload": model_update.make_change_point(model, "payload", 5.0)}
-    later, now, covariances = semiparametric.fit(
-        model, recorded_flight(1), training(), MEAN, fits, {(0, 0), (0, 1)}, change
-    )
-    np.testing.assert_array_equal(later.inertial_parameters, model.inertial_parameters)
-    np.testing.assert_array_equal(later.mean_function.payload, model.mean_function.payload)
-    np.testing.assert_array_equal(later.payload.hyper.lengthscales, model.payload.hyper.lengthscales)
-    assert now["payload"] is fits["payload"]
-    assert set(covariances) == {(0, 0), (0, 1)}
-    assert np.any(later.mean_function.agents[0] != model.mean_function.agents[0])
-    assert set(semiparametric.mean_uncertainties(later, recorded_flight(1), covariances, change)) == {(0, 0), (0, 1)}
+@pytest.mark.parametrize("t", [13.0, 20.0])
+def test_jump_of_constants_and_mass_keeps_the_field(t):
+    """After a jump with few samples, the present model has new constants and mass, and the field of the earlier one."""
+    before, after = recorded_flight(0), recorded_flight(3)
+    n, mass, force = 20, 0.3, np.array([1.5, -2.0, 0.0])
+    load, agents = after.payload, after.agents[0]
+    Y = load.Y.at[:, :3].add(jnp.asarray(mass * np.asarray(load.X)[:, 18:21] + force))
+    late = lambda data: dataclasses.replace(data, t=data.t + 10.0, n=jnp.full(data.n.shape, n))  # noqa: E731
+    new = both(dataclasses.replace(late(load), Y=Y), late(agents))
+    merged = model_update.merge_samples(before, new, 9.95)
+    variations = {
+        body: model_update.Variation(rate=1e-4, times=(10.0,) if body == "payload" else ()) for body in merged
+    }
+    base, _, _ = fitted(before)
+    data = model_update.select_samples(base, merged, before, t, variations)
+    model, _ = semiparametric.condition(base, data, MEAN, t, variations)
+    assert float(model.inertial_parameters[0]) == pytest.approx(MASS + mass, abs=0.15)
+    assert float(base.inertial_parameters[0]) == pytest.approx(MASS, abs=0.1)
+    Z, target, _ = model_update.regression_targets(model, both(dataclasses.replace(load, Y=Y), agents))["payload"]
+    predicted = residual_model.predict_padded(model.payload, Z[n:])[0]
+    error = np.sqrt(((target[n:] - predicted)[:, :3] ** 2).mean())
+    still = residual_model.predict_padded(base.payload, Z[n:])[0]
+    assert error < 0.3  # at places that have no sample since the jump
+    assert np.abs((target[n:] - still)[:, :3]).mean() > 0.5
 
 
 def test_custom_features_without_position_are_unchanged():
     belief = TRAINING.payload
     assert semiparametric.position_only_prior(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
-
-
-def test_nis_is_large_for_other_functions_only():
-    """In predictive variances: samples of the same functions near the data, of other functions there, and far away."""
-    load, agents = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    model, _ = model_update.fit(prior(), both(load, agents), TRAINING, {})
-    same = semiparametric.normalized_innovation_squared(model, both(load, agents), {}, 1.0)
-    assert set(same) == {"payload", (0, 0), (0, 1)}
-    assert max(off.mean() for _, off in same.values()) < 4
-    np.testing.assert_allclose(same["payload"][0], load.t[11:30])
-    other = dataclasses.replace(load, Y=load.Y.at[20:].add(10.0))
-    t, off = semiparametric.normalized_innovation_squared(model, both(other, agents), {}, 1.0)["payload"]
-    assert off.mean() > 25
-    assert t[np.argmax(off > 25)] == pytest.approx(2.0)
-    np.testing.assert_array_equal(
-        semiparametric.normalized_innovation_squared(model, both(other, agents), {}, 1.0)[0, 0][1], same[0, 0][1]
-    )
-    far = dataclasses.replace(load, X=load.X + 1e3)
-    assert semiparametric.normalized_innovation_squared(model, both(far, agents), {}, 1.0)["payload"][1].mean() < 4
-    assert semiparametric.normalized_innovation_squared(model, both(load, agents), {}, 9.0) == {}  # no newer samples
-    assert (
-        semiparametric.normalized_innovation_squared(prior(), both(load, agents), {}, 1.0) == {}
-    )  # nothing was predicted
-
-
-def model_and_new_samples(theta: np.ndarray) -> tuple[residual_model.ResidualModel, recorder.RecorderState]:
-    """Return a model and new samples: its predictions plus the effect of theta."""
-    rng = np.random.default_rng(5)
-    load, others = samples(0, 30, 24, 6), samples(1, 30, 24, 9, (2,))
-    model, _ = model_update.fit(prior(), both(load, others), None, {})
-    turns = Rotation.from_rotvec(0.3 * rng.normal(size=(len(load.X), 3))).as_matrix().reshape(-1, 9)
-    X = load.X.at[:, 6:15].set(turns).at[:, 20].add(9.81)
-    inertial = identification.inertial_regressors(np.asarray(X)) @ theta
-    prediction = gp.predict(model.payload, features.payload_features(X))[0]
-    return model, both(dataclasses.replace(load, X=X, Y=prediction + inertial, t=load.t + 10.0), others)
-
-
-def test_added_mass_is_identified_by_the_mean():
-    """Mass added to a payload is identified beyond the model before, and subtracted from its labels."""
-    theta = np.array([-0.3, *np.zeros(9)])
-    model, dataset = model_and_new_samples(theta)
-    change = model_update.make_change_point(model, "payload", 9.0)
-    alone = dataclasses.replace(
-        MEAN, payload=np.array([5.0, *[1e-6] * 13])
-    )  # the prior of 0.5 kg shifts the estimate by two grams
-    np.testing.assert_allclose(
-        semiparametric.update_inertial_mean(model, change, dataset, alone).inertial_parameters, theta, atol=1e-3
-    )
-    np.testing.assert_allclose(
-        semiparametric.update_inertial_mean(model, change, dataset, MEAN).inertial_parameters, theta, atol=2e-3
-    )
-    third = dataclasses.replace(
-        change, theta=jnp.asarray(theta / 3)
-    )  # a third was identified before: the remainder is added
-    np.testing.assert_allclose(
-        semiparametric.update_inertial_mean(model, third, dataset, alone).inertial_parameters, theta, atol=1e-3
-    )
-    later = dataclasses.replace(third, time=99.0)  # no samples since
-    np.testing.assert_array_equal(
-        semiparametric.update_inertial_mean(model, later, dataset, MEAN).inertial_parameters, third.theta
-    )
-    left = model_update.regression_targets(dataclasses.replace(model, inertial_parameters=jnp.asarray(theta)), dataset)[
-        "payload"
-    ][1]
-    prediction = gp.predict(model.payload, features.payload_features(dataset.payload.X))[0]
-    np.testing.assert_allclose(left, prediction[:30], atol=1e-9)
-
-
-def test_spatial_force_is_not_identified_as_mass():
-    """On a loop the vertical acceleration correlates with position; with noise alone it would be identified as mass."""
-    dataset = recorded_flight(3)
-    load, n = dataset.payload, int(dataset.payload.n)
-    X, hyper = np.asarray(load.X), gp.make_hyperparameters(np.ones(6), [0.7] * 3 + [gp.INACTIVE_LENGTHSCALE] * 17, 0.05)
-    turned = np.stack([0.7 - 0.5 * X[:, 0], -0.7 - 0.5 * X[:, 1], 3.0 * X[:, 2] + 0.6], axis=1)
-    Y = np.concatenate([turned, np.cross([0.1, 0.3, 0.2], turned)], axis=1)  # of a point off the center
-    other = dataclasses.replace(dataset, payload=dataclasses.replace(load, Y=jnp.asarray(Y)))
-    fitted_model = untrained_model()
-    model = gp.condition(
-        features.payload_features(load.X[:2] + 50.0), np.zeros((2, 6)), hyper, fitted_model.payload.capacity
-    )
-    fitted_model = dataclasses.replace(fitted_model, payload=model)
-    theta = semiparametric.update_inertial_mean(
-        fitted_model, model_update.make_change_point(fitted_model, "payload", 0.0), other, MEAN
-    ).inertial_parameters
-    noise = np.asarray(hyper.noise_variance)[:, None, None] * np.eye(n)
-    alone, _ = identification.identify_parameters(
-        identification.inertial_regressors(X[:n])[:, :, :4], Y[:n], noise, MEAN.payload[:4]
-    )
-    assert abs(theta[0]) < 0.5 * abs(alone[0])
-    assert np.abs(theta[1:4]).max() < 0.5 * np.abs(alone[1:4]).max()
-    np.testing.assert_array_equal(theta[4:], 0)
-
-
-def test_identified_mass_keeps_a_tenth():
-    """An identified mass that would leave no payload is limited to nine tenths."""
-    model, dataset = model_and_new_samples(np.array([1.5, *np.zeros(9)]))
-    theta = semiparametric.update_inertial_mean(
-        model, model_update.make_change_point(model, "payload", 9.0), dataset, MEAN
-    ).inertial_parameters
-    np.testing.assert_allclose(theta[0], 0.9 * 1.2, rtol=1e-3)

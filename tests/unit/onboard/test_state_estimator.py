@@ -19,6 +19,7 @@ from colift.models.parameters import KinematicTree, Team
 from colift.models.state import (
     AgentInput,
     ControlClock,
+    ResidualForces,
     State,
     flatten_agent_state,
     flatten_payload_state,
@@ -214,12 +215,14 @@ def run_estimator(
     filters: state_estimator.FilterBandwidths,
     stream: measurement.Measurement,
     applied: tuple[AgentInput, ...],
+    f_hat: ResidualForces | None = None,
 ) -> tuple[state_estimator.StateEstimate, state_estimator.EstimatorState]:
     """Return estimates and states of all steps of a stream of measurements."""
+    f_hat = zero_residual(team) if f_hat is None else f_hat
     of = state_estimator.ComplementaryFilter(filters=filters, max_reading_age=jnp.array(0.02))
 
     def step(state: state_estimator.EstimatorState, m: measurement.Measurement) -> tuple:
-        q_hat, state = of.update(team, state, m, applied, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))
+        q_hat, state = of.update(team, state, m, applied, f_hat, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))
         return state, (q_hat, state)
 
     first = of.init(team, jax.tree.map(lambda leaf: leaf[0], stream))

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 
 from colift.onboard.control import actuator_compensation
 from colift.onboard.estimation import state_estimator
-from colift.onboard.learning import online_learner, residual_correction, residual_predictors
+from colift.onboard.learning import kalman_correction, residual_predictors, semiparametric
 from colift.scenario import Scenario, experiment, termination
 from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema_docs import unit_of
@@ -111,44 +111,36 @@ def test_rotors_limit_thrust_and_torque_jointly():
     np.testing.assert_allclose(limits[0].force_max, 10.0)
 
 
-def test_constants_of_algorithms_have_their_former_values():
+def test_constants_of_algorithms_have_their_stated_values():
     """Defaults of fields are strongly typed float64 arrays, as values from a scenario are."""
     settings = changed("paper", nominal={"actuators": {"bandwidth_Hz": 10.0}})
     made = experiment.make_experiments(settings, ("adaptive", "gp_label_feedback"))
     controller, held = made["adaptive"].controller, made["gp_label_feedback"].controller.residual_predictor
-    assert isinstance(held, residual_predictors.InnovationCorrection)
-    correction, estimator, lag = controller.innovation_filter, controller.estimator, controller.actuator_compensator
-    assert isinstance(correction, residual_correction.InnovationFilter)
+    assert isinstance(held, residual_predictors.CorrectedResidual)
+    corrector, estimator, lag = controller.residual_corrector, controller.estimator, controller.actuator_compensator
+    assert isinstance(corrector, kalman_correction.ResidualKalmanFilter)
     assert isinstance(estimator, state_estimator.ComplementaryFilter)
     assert isinstance(lag, actuator_compensation.LagInversion)
     values = {
-        "hold_time": correction.hold_time,
-        "averaging_time": correction.averaging_time,
-        "decay_time": correction.decay_time,
-        "variance_ratio": correction.variance_ratio,
-        "coherence": correction.coherence,
+        "averaging_time": corrector.averaging_time,
+        "decay_rate": corrector.decay_rate,
+        "max_bandwidth": corrector.max_bandwidth,
+        "noise_averaging_time": corrector.noise_averaging_time,
         "max_reading_age": estimator.max_reading_age,
         "bandwidth_ratio": lag.bandwidth_ratio,
         "preview_step": controller.preview_step,
         "lead_time": held.lead_time,
     }
     assert {name: float(value) for name, value in values.items()} == {
-        "hold_time": 0.2,
-        "averaging_time": 0.5,
-        "decay_time": 0.3,
-        "variance_ratio": 10.0,
-        "coherence": 0.2,
+        "averaging_time": 1.0,
+        "decay_rate": 1.0,
+        "max_bandwidth": 10.0,
+        "noise_averaging_time": 5.0,
         "max_reading_age": 0.02,
         "bandwidth_ratio": 2.0,
         "preview_step": 0.03,
         "lead_time": 0.02,
     }
     assert all(value.dtype == float and not value.weak_type for value in jax.tree.leaves(values))
-    options = online_learner.OnlineUpdateOptions
-    assert (options.nis_threshold, options.transient_time, options.min_samples, options.forgetting_time) == (
-        3.0,
-        0.5,
-        150,
-        20.0,
-    )
+    assert semiparametric.MeanPrior.median_rate == 1 / 300
     assert (termination.MIN_GRASP_RATIO, termination.HOVER_THRUST_MARGIN) == (0.01, 0.1)

@@ -11,7 +11,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from colift.closed_loop import log
 from colift.visualization import axes, contact_force_figures, study_figures, style, uncertainty_figures
 from tests.support import random_logs as flights
 from tests.support.study_logs import CASES, RIVALS, TOLD
@@ -260,29 +259,33 @@ def test_legends_have_no_missing_entries(cases):
     assert not [text for text in forces.legends[0].get_texts() if "eta" in text.get_text()]
 
 
-def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
-    """Figure 7 draws innovations, the end of labels and change points."""
+def test_figure_7_draws_corrections_and_change_points(cases, tmp_path):
+    """Figure 7 draws label, model, corrected model and interval, the end of labels and change points."""
     rng, ds = np.random.default_rng(4), cases["C3"]
+    weight = np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)
     attributes = {"update_times_s": [2.5, 4.5], "num_samples_payload": [20, 30], "num_samples_agents": [44, 60]}
     with_labels = ds.assign(
-        innovation_L_force=(ds.p.dims, rng.normal(size=ds.p.shape)),
-        innovation_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
-        model_gain_L_force=(ds.p.dims, rng.uniform(size=ds.p.shape)),
-        model_gain_L_moment=(ds.p.dims, rng.uniform(size=ds.p.shape)),
-        correction_weight=("time", np.where((ds.time > 5) & (ds.time < 7), 0.0, 1.0)),
-    ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front", refits="6.5 s: rear")
+        label_L_force=(ds.p.dims, rng.normal(size=ds.p.shape) * [1, 1, 3]),
+        correction_L_force=(ds.p.dims, rng.normal(size=ds.p.shape)),
+        correction_std_L_force=(ds.p.dims, rng.uniform(0.1, 1, size=ds.p.shape)),
+        model_prediction_L_force=(ds.p.dims, rng.normal(size=ds.p.shape)),
+        correction_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
+        correction_weight_L_force=(ds.p.dims, np.tile(weight[:, None], 3)),
+        correction_weight_L_moment=(ds.p.dims, np.tile(0.5 * weight[:, None], 3)),
+    ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front")
     figure = study_figures.plot_online_correction({"C3": with_labels}, TOLD)
     error, payload, agents, used, points = figure.axes
-    np.testing.assert_allclose(
-        used.lines[0].get_ydata(), log.stack_parts(with_labels, "model_gain_L").mean("component"), rtol=1e-14
-    )
-    np.testing.assert_array_equal(used.lines[1].get_ydata(), with_labels.correction_weight)
-    np.testing.assert_allclose(
-        payload.lines[0].get_ydata(), np.linalg.norm(with_labels.innovation_L_force, axis=1), rtol=1e-14
-    )
+    np.testing.assert_allclose(used.lines[0].get_ydata(), 0.75 * weight, rtol=1e-14)
+    assert payload.get_ylabel() == "payload:\nforce z [N]", "the component that varies most"
+    label, model, corrected = (line.get_ydata() for line in payload.lines[:3])
+    np.testing.assert_array_equal(label, with_labels.label_L_force[:, 2])
+    np.testing.assert_array_equal(model, with_labels.model_prediction_L_force[:, 2])
+    np.testing.assert_allclose(corrected - model, with_labels.correction_L_force[:, 2], rtol=1e-12)
+    band = payload.collections[0].get_paths()[0].vertices[1 : len(corrected) + 1, 1]
+    np.testing.assert_allclose(band, corrected - 1.96 * with_labels.correction_std_L_force[:, 2], rtol=1e-12)
     for line, name in zip(agents.lines, with_labels.agent.values, strict=False):
         np.testing.assert_allclose(
-            line.get_ydata(), np.linalg.norm(with_labels.innovation_x.sel(agent=name), axis=1), rtol=1e-14
+            line.get_ydata(), np.linalg.norm(with_labels.correction_x.sel(agent=name), axis=1), rtol=1e-14
         )
     for ax in figure.axes:
         assert [
@@ -291,10 +294,7 @@ def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
             2.5,
             4.5,
         ]
-        assert [line.get_xdata()[0] for line in ax.lines if line.get_color() == study_figures.REFIT_STYLE["color"]] == [
-            6.5
-        ]
-        (shaded,) = ax.collections
+        shaded = ax.collections[-1]
         x = shaded.get_paths()[0].vertices[:, 0]
         assert (x.min(), x.max()) == pytest.approx((5, 7), abs=0.06)
     np.testing.assert_array_equal(points.lines[0].get_ydata(), [0, 20, 30, 30])
@@ -307,19 +307,18 @@ def test_figure_7_draws_innovations_and_change_points(cases, tmp_path):
         "samples, one agent",
         "correction weight below 0.5",
         "change point",
-        "refit",
     } <= explained
-    small_errors = with_labels.assign(correction_weight=with_labels.correction_weight * 0 + 1)
+    ones = {part: with_labels[f"correction_weight_L_{part}"] * 0 + 1 for part in ("force", "moment")}
+    small_errors = with_labels.assign({f"correction_weight_L_{part}": x for part, x in ones.items()})
     small_errors.attrs |= {
         "change_points": "",
-        "refits": "",
         "num_samples_agents": 2 * np.array(with_labels.attrs["num_samples_payload"]),
     }
     explained = {
         text.get_text()
         for text in study_figures.plot_online_correction({"C3": small_errors}, TOLD).legends[0].get_texts()
     }
-    always = {"model gain, payload", "correction weight"}
+    always = {"label", "model", "model and correction", "95 % interval"}
     assert explained == {*small_errors.agent.values, *always}, "legend entry without a curve"
 
 

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from colift.math import linalg, so3
+from colift.math import so3
 from colift.math.filters import (
     SecondOrderLowPassState,
     initial_smoothing_factor,
@@ -39,10 +39,13 @@ from colift.models.state import (
     AgentState,
     ControlClock,
     PayloadState,
+    ResidualForces,
     TeamInputs,
+    flatten_agent_force,
     flatten_agent_state,
     flatten_payload_state,
 )
+from colift.onboard.estimation import contact_forces
 
 Scalar = Float[Array, ""]
 
@@ -133,7 +136,10 @@ def complementary_update(
 
 
 MIN_LEVER = 0.01
-"""Tip motion per joint motion below which a joint rate is measured by the encoder [m/rad or 1]."""
+"""Tip motion per joint motion below which a joint rate is measured by the encoder [m/rad or 1].
+
+Moments of contact forces with a smaller lever determine no difference between the forces of an agent's arms.
+"""
 
 
 def encoder_share(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "n_r n_r"]:
@@ -154,7 +160,7 @@ def encoder_share(agent: AerialManipulator, g: aerial_manipulator.ForwardKinemat
 
 def _rate_gain(B: Float[Array, "tips n_r"]) -> Float[Array, "n_r tips"]:
     """Return `G = (B^T B + s^2 I)^-1 B^T`, nearly the pseudoinverse of B, with `s = MIN_LEVER`."""
-    return linalg.solve(B.T @ B + MIN_LEVER**2 * jnp.eye(B.shape[1]), B.T)
+    return contact_forces.regularized_pseudoinverse(B, MIN_LEVER)
 
 
 def _tip_jacobian(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "tips n_r"]:
@@ -234,12 +240,18 @@ class EstimatorState:
 
 @pytree
 class TrainingSample:
-    """Inputs of the learned models with their labels, in one control period."""
+    """Inputs of the learned models with their labels, in one control period.
+
+    Samples for training require tip readings: without them the payload's label depends on the prediction of the agents'
+    residuals. The filtered inputs and labels are then held, and `valid` is 0. The payload's label before the filter
+    exists in every period.
+    """
 
     payload: tuple[Float[Array, "24"], Float[Array, "6"]]  # input; label, N world and N m payload frame
     agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]  # the same, by group
-    valid: Float[Array, ""]  # 1 if the tip readings are recent; 0 if not, then the labels are held
-    sample_interval: Float[Array, ""]  # s, since the previous valid label
+    unfiltered: tuple[Float[Array, "6"], tuple[Float[Array, "agents outputs"], ...]]  # labels before the label filter
+    valid: Float[Array, ""]  # 1 if the tip readings are recent: agents have labels, and the sample is for training
+    sample_interval: Float[Array, ""]  # s, since the previous period with valid = 1
 
 
 @pytree
@@ -249,7 +261,8 @@ class StateEstimate:
     agents: tuple[AgentState, ...]  # by group
     payload: PayloadState  # estimated payload state
     a_L: Float[Array, "6"]  # payload acceleration, m/s^2 world and rad/s^2 payload frame; the latter is not filtered
-    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, measured contact forces on the payload, world, by group
+    lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces on the payload, world, by group: as measured, or
+    # from the agents' equations of motion if the tip readings are too old
     sample: TrainingSample | None = None  # None if the estimator computes no labels
 
 
@@ -257,23 +270,30 @@ class StateEstimate:
 class ComplementaryFilter:
     """Default estimator: a complementary filter per body, and labels by the nominal equations.
 
-    Implements the protocol ``Estimator``.
+    If the tip readings are too old, contact forces follow from the agents' equations of motion with their compensated
+    residuals. Implements the protocol ``Estimator``.
     """
 
     filters: FilterBandwidths  # corner frequencies of all filters
-    max_reading_age: Scalar = constant(0.02)  # s, largest age of a tip reading for a valid label
+    max_reading_age: Scalar = constant(0.02)  # s, largest age of a tip reading that is used
 
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
         """Return the steady state at the first measurement, with zero labels; see `Estimator`."""
         return _initial_state(team, measurement)
 
     def update(
-        self, team: Team, state: EstimatorState, measurement: Measurement, applied: TeamInputs, clock: ControlClock
+        self,
+        team: Team,
+        state: EstimatorState,
+        measurement: Measurement,
+        applied: TeamInputs,
+        f_hat: ResidualForces,
+        clock: ControlClock,
     ) -> tuple[StateEstimate, EstimatorState]:
         """Compute states, contact forces and filtered labels of one control period; see `Estimator`."""
         age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
         valid = (age <= self.max_reading_age + 1e-9).astype(float)
-        return _update(team, self.filters, state, measurement, applied, valid, clock.dt)
+        return _update(team, self.filters, state, measurement, applied, f_hat, valid, clock.dt)
 
 
 def _initial_state(team: Team, measurement: Measurement) -> EstimatorState:
@@ -316,30 +336,33 @@ def _update(
     state: EstimatorState,
     measurement: Measurement,
     applied: TeamInputs,
+    f_hat: ResidualForces,
     valid: Scalar,
     dt: Scalar,
 ) -> tuple[StateEstimate, EstimatorState]:
-    """Advance all filters by one control period; `valid` is 1 if the tip readings give a label."""
+    """Advance all filters by one control period; `valid` is 1 if the tip readings are recent."""
     q = measurement.payload
-    agents, states, forces = [], [], []
+    agents, states, forces, labels = [], [], [], []
     measured, previous = NavState(R=q.R, x=q.p, v=q.v), (state.payload, state.bias)
     fused, bias, omega, a = complementary_update(
         previous, measured, q.omega, q.a, team.gravity, filters, state.initialized, dt
     )
     payload = PayloadState(R=fused.R, p=fused.x, omega=omega, v=fused.v)
     interval = state.time_since_label + dt
-    # Without a valid label the filters of labels and inputs hold their values.
+    # Without tip readings the filters of labels and inputs hold their values.
     b = valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
-    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, None, None, None, None))
-    for group, agent_state, reading, u in zip(
-        team.agent_groups, state.agents, measurement.agents, applied, strict=True
+    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, 0, None, None, None, None, None))
+    for group, agent_state, reading, u, f in zip(
+        team.agent_groups, state.agents, measurement.agents, applied, f_hat.agents, strict=True
     ):
-        estimate, lam, next_agent_state = update_agents(
-            group, filters, payload, agent_state, reading, u, team.gravity, state.initialized, b, dt
+        estimate, lam, label, next_agent_state = update_agents(
+            *(group, filters, payload, agent_state, reading, u, flatten_agent_force(f)),
+            *(team.gravity, state.initialized, valid, b, dt),
         )
         agents.append(next_agent_state)
         states.append(estimate)
         forces.append(lam)
+        labels.append(label)
     # The first control period has no difference.
     omega_dot = state.initialized * (omega - state.omega) / dt
     specific_force = payload.R @ a
@@ -347,6 +370,7 @@ def _update(
     modelled = state.modelled_wrench + initial_smoothing_factor(
         state.initialized, smoothing_factor(filters.tip_force, dt)
     ) * (modelled - state.modelled_wrench)
+    inputs = flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot]))
     next_state = EstimatorState(
         agents=tuple(agents),
         payload=fused,
@@ -354,12 +378,7 @@ def _update(
         omega=omega,
         modelled_wrench=modelled,
         label=_filter_label(state.label, modelled - contact, b, state.initialized),
-        inputs=_filter_label(
-            state.inputs,
-            flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot])),
-            b,
-            state.initialized,
-        ),
+        inputs=_filter_label(state.inputs, inputs, b, state.initialized),
         time_since_label=(1 - valid) * interval,
         initialized=jnp.ones(()),
     )
@@ -367,6 +386,7 @@ def _update(
     sample = TrainingSample(
         payload=(next_state.inputs.stage2, next_state.label.stage2),
         agents=tuple((agent.inputs.stage2, agent.label.stage2) for agent in next_state.agents),
+        unfiltered=(modelled - contact, tuple(labels)),
         valid=valid,
         sample_interval=interval,
     )
@@ -401,11 +421,13 @@ def _update_agent(
     state: AgentFilterState,
     m: AgentReading,
     u: AgentInput,
+    f_hat: Float[Array, "outputs"],
     gravity: Float[Array, "3"],
     initialized: Scalar,
+    valid: Scalar,
     b_label: Scalar,
     dt: Scalar,
-) -> tuple[AgentState, Float[Array, "arms 3"], AgentFilterState]:
+) -> tuple[AgentState, Float[Array, "arms 3"], Float[Array, "outputs"], AgentFilterState]:
     """Compute state, contact forces and label (Eq. learning_output_components) of one agent, and its filter state."""
     measured = NavState(R=m.R, x=m.x, v=m.v)
     base, bias, omega, specific_force = complementary_update(
@@ -426,8 +448,6 @@ def _update_agent(
     velocity_offset = -(base.R @ (p.J_base @ xi))
     x, v = base.x + base.R @ p.com_from_base, base.v + velocity_offset
     q = AgentState(R=base.R, x=x, r=r, omega=omega, v=v, r_dot=r_dot)
-    lam_base = jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], m.lam)
-    lam = lam_base @ base.R.T
     momenta = p.M_bar @ xi
     # Both differences span the same control period; the first period has none.
     momenta_dot = initialized * (momenta - state.momenta) / dt
@@ -438,7 +458,10 @@ def _update_agent(
     modelled = state.modelled_force + initial_smoothing_factor(initialized, smoothing_factor(filters.tip_force, dt)) * (
         jnp.concatenate([force, moment]) - state.modelled_force
     )
+    lam_base = jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], m.lam)
+    lam = lam_base @ base.R.T
     contact = jnp.concatenate([lam.sum(0), (p.J_tip * lam_base[:, :, None]).sum((0, 1))])
+    reconstructed = contact_forces.reconstruct_contact_forces(p.J_tip, base.R, f_hat - modelled, MIN_LEVER)
     next_state = AgentFilterState(
         base=base,
         bias=bias,
@@ -451,4 +474,4 @@ def _update_agent(
         label=_filter_label(state.label, modelled + contact, b_label, initialized),
         inputs=_filter_label(state.inputs, flatten_agent_state(q), b_label, initialized),
     )
-    return q, lam, next_state
+    return q, jnp.where(valid > 0, lam, reconstructed), modelled + contact, next_state

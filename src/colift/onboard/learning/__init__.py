@@ -12,7 +12,7 @@ Modules:
     semiparametric: joint estimation of mean functions and Gaussian processes.
     model_update: fitting and conditioning of residual models on recorded samples.
     online_learner: schedule of updates, change detection and refits during a simulated flight.
-    residual_correction: innovation filter, which corrects the prediction with current labels.
+    residual_correction: residual correctors, which estimate the error of the model from labels.
     residual_predictors: parts of the controller that predict the residual.
     prediction_uncertainty: predictive standard deviations and error bounds along a trajectory.
     confidence_bounds: error bounds of residual models.

@@ -1,12 +1,11 @@
 """Update of residual models from recorded samples.
 
 The functions select samples for a fixed budget, fit hyperparameters, and condition the Gaussian processes (GPs) of all
-bodies. After a change point of a body, its previous model is offset and merged with the samples since the change. All
-functions run on the host.
+bodies. All functions run on the host.
 
 See Also:
     colift.onboard.learning.semiparametric: joint estimation of mean functions and GPs.
-    docs/learning: equations of sample selection and change points.
+    docs/learning: equations of sample selection.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ import dataclasses
 import os
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from types import MappingProxyType
 from typing import TypeVar
 
 import jax
@@ -29,7 +27,7 @@ from colift.onboard.learning.features import BodyKey, compute_features
 from colift.onboard.learning.identification import inertial_regressor, payload_state_from_input
 from colift.onboard.learning.mean_functions import MeanFunction
 from colift.onboard.learning.recorder import RecorderState
-from colift.onboard.learning.residual_model import ResidualModel, get_model, predict_padded, replace_models
+from colift.onboard.learning.residual_model import ResidualModel, get_model, replace_models
 from colift.runtime import signals
 
 T = TypeVar("T")
@@ -72,23 +70,29 @@ Fits = Mapping[BodyKey, gp.FitResult]
 """Last hyperparameter fit of each body that has one."""
 
 
+SamplesByBody = Mapping[BodyKey, Samples]
+"""Samples of every body."""
+
+
 @dataclasses.dataclass(frozen=True)
-class ChangePoint:
-    """Change of the residual of a body, with the model before the change.
+class Variation:
+    """Changes of the residual of a body with time (`colift.gp.TimeVariation`).
 
     Attributes:
-        time: Time of the change [s].
-        model: GP of the body before the change.
-        theta: Inertial parameters of the residual model before the change.
+        rate: Rate of the random walks [1/s].
+        times: Times of the change points [s].
     """
 
-    time: float
-    model: gp.GPPosterior
-    theta: Float[Array, "10"]
+    rate: float
+    times: tuple[float, ...] = ()
 
+    def num_since(self, t: np.ndarray) -> np.ndarray:
+        """Return the number of change points after each time.
 
-ChangePoints = Mapping[BodyKey, ChangePoint]
-"""Last change point of each body that has one."""
+        Args:
+            t: Times of samples [s].
+        """
+        return sum(((t < time).astype(float) for time in self.times), np.zeros(len(t)))
 
 
 def samples_by_body(recorder_state: RecorderState) -> dict[BodyKey, Samples]:
@@ -111,63 +115,53 @@ def samples_by_body(recorder_state: RecorderState) -> dict[BodyKey, Samples]:
     return out
 
 
-def select_samples(
-    model: ResidualModel,
-    previous: RecorderState,
-    recorder_state: RecorderState,
-    last_sample_time: float,
-    t: float,
-    forgetting_time: float,
-    change_points: ChangePoints,
-) -> RecorderState:
-    """Add new samples to the selected ones and keep the most informative within the budget.
-
-    The selection is `gp.select_subset` with the noise variance multiplied by ``1 + age / forgetting_time``. Of two
-    equally informative samples the newer one is kept. Samples before a change point of their body are removed first.
+def merge_samples(previous: RecorderState, recorder_state: RecorderState, last_sample_time: float) -> SamplesByBody:
+    """Return the selected samples together with the new ones.
 
     Args:
-        model: Residual model with the hyperparameters for the selection; its capacity is the budget.
         previous: Samples selected at the previous update.
         recorder_state: Samples of the recorder.
         last_sample_time: Time of the last sample of the previous update [s]; later samples are new.
+
+    Returns:
+        Samples by body.
+    """
+    out, recorded = {}, samples_by_body(recorder_state)
+    for body, selected in samples_by_body(previous).items():
+        new = recorded[body][2] > last_sample_time + 1e-9
+        X, Y, t = (np.concatenate([old, x[new]]) for old, x in zip(selected, recorded[body], strict=True))
+        out[body] = X, Y, t
+    return out
+
+
+def select_samples(
+    model: ResidualModel, samples: SamplesByBody, like: RecorderState, t: float, variations: Mapping[BodyKey, Variation]
+) -> RecorderState:
+    """Keep the most informative samples within the budget.
+
+    The selection is `gp.select_subset` with the noise variance of each sample plus the variance of the change of the
+    force GP since then. Of two equally informative samples the newer one is kept.
+
+    Args:
+        model: Residual model with the hyperparameters for the selection; its capacity is the budget.
+        samples: Samples by body.
+        like: Data sets of the capacity of the result.
         t: Time of the update [s].
-        forgetting_time: Age at which the noise variance of a sample is doubled [s].
-        change_points: Change points of the bodies.
+        variations: Changes of the residual with time, by body.
 
     Returns:
         The selected samples.
     """
-    selected, recorded = samples_by_body(previous), samples_by_body(recorder_state)
 
     def select(body: BodyKey) -> Samples:
-        posterior, new = get_model(model, body), recorded[body][2] > last_sample_time + 1e-9
-        x, Y, times = (
-            np.concatenate([old, samples[new]]) for old, samples in zip(selected[body], recorded[body], strict=True)
-        )
-        change_time = change_points[body].time if body in change_points else -np.inf
+        posterior, (x, Y, times) = get_model(model, body), samples[body]
+        ratio = float(posterior.hyper.signal_variance[0] / posterior.hyper.noise_variance[0])
+        changed = variations[body].rate * (t - times) + gp.JUMP_SHARE * variations[body].num_since(times)
         Z = compute_features(model.features, body, x)
-        noise = 1 + (t - times) / forgetting_time
-        keep = gp.select_subset(Z, posterior.hyper, posterior.capacity, noise, first=times < change_time)
+        keep = gp.select_subset(Z, posterior.hyper, posterior.capacity, 1 + ratio * changed)
         return x[keep], Y[keep], times[keep]
 
-    return _replace_samples(previous, parallel_map(select, selected))
-
-
-def drop_before(recorder_state: RecorderState, start: Mapping[BodyKey, float]) -> RecorderState:
-    """Remove the samples of some bodies before a time.
-
-    Args:
-        recorder_state: Recorded samples.
-        start: Time of the first sample to keep, by body [s].
-
-    Returns:
-        The remaining samples.
-    """
-    remaining = {}
-    for body, samples in samples_by_body(recorder_state).items():
-        keep = samples[2] >= start.get(body, -np.inf)
-        remaining[body] = samples[0][keep], samples[1][keep], samples[2][keep]
-    return _replace_samples(recorder_state, remaining)
+    return _replace_samples(like, {**samples_by_body(like), **parallel_map(select, samples)})
 
 
 def _replace_samples(like: RecorderState, samples: Mapping[BodyKey, Samples]) -> RecorderState:
@@ -185,15 +179,12 @@ def _replace_samples(like: RecorderState, samples: Mapping[BodyKey, Samples]) ->
     return dataclasses.replace(like, payload=padded(like.payload, samples["payload"]), agents=tuple(groups))
 
 
-def regression_targets(
-    model: ResidualModel, recorder_state: RecorderState, change_points: ChangePoints = MappingProxyType({})
-) -> dict[BodyKey, Samples]:
+def regression_targets(model: ResidualModel, recorder_state: RecorderState) -> dict[BodyKey, Samples]:
     """Return the training data of the GPs: features, and labels minus the parametric prediction.
 
     Args:
         model: Residual model with features, inertial parameters and mean function.
         recorder_state: Recorded samples.
-        change_points: Change points; samples of a body before its change point are left out.
 
     Returns:
         Features, targets and times by body, in the order of time.
@@ -207,11 +198,9 @@ def regression_targets(
             for data, y in zip(recorder_state.agents, agents, strict=True)
         ),
     )
-    out = {}
-    for body, (x, Y, t) in samples_by_body(targets).items():
-        keep = t >= (change_points[body].time if body in change_points else -np.inf)
-        out[body] = compute_features(model.features, body, x[keep]), Y[keep], t[keep]
-    return out
+    return {
+        body: (compute_features(model.features, body, x), Y, t) for body, (x, Y, t) in samples_by_body(targets).items()
+    }
 
 
 @jax.jit
@@ -230,46 +219,6 @@ def _parametric_prediction(
 def _inertial_wrench(x: Float[Array, "24"], theta: Float[Array, "10"]) -> Float[Array, "6"]:
     """Return ``Y theta`` at a payload input."""
     return inertial_regressor(payload_state_from_input(x), x[18:21], x[21:24]) @ theta
-
-
-def offset_model(change_point: ChangePoint, X: np.ndarray, Y: np.ndarray) -> gp.GPPosterior:
-    """Offset the model before a change by the mean error at the samples since: ``mu_0 + mean_k(y_k - mu_0(x_k))``.
-
-    Args:
-        change_point: Change point of a body.
-        X: Features of the samples since the change.
-        Y: Targets of these samples.
-
-    Returns:
-        The offset model.
-    """
-    old = change_point.model
-    offset = jnp.asarray((Y - predict_padded(old, X)[0]).mean(0))
-    targets = jnp.where(
-        (jnp.arange(old.capacity) < old.num_points)[:, None], old.Y + jnp.tile(offset, (old.capacity, 1)), old.Y
-    )
-    return dataclasses.replace(
-        old, Y=targets, hyper=dataclasses.replace(old.hyper, constant_mean=old.hyper.constant_mean + offset)
-    )
-
-
-def merge_with_previous(old: gp.GPPosterior, X: np.ndarray, Y: np.ndarray) -> gp.GPPosterior:
-    """Condition a GP on the samples since a change and on the most informative samples before it.
-
-    Where the team has not been since the change, the model keeps its previous shape.
-
-    Args:
-        old: Offset model of `offset_model`.
-        X: Features of the samples since the change.
-        Y: Targets of these samples.
-
-    Returns:
-        The model within the budget of samples.
-    """
-    n = int(old.num_points)
-    Z, targets = (np.concatenate([np.asarray(before)[:n], new]) for before, new in ((old.X, X), (old.Y, Y)))
-    keep = gp.select_subset(Z, old.hyper, old.capacity, np.ones(len(Z)), first=np.arange(len(Z)) < n)
-    return gp.condition(Z[keep], targets[keep], old.hyper, old.capacity)
 
 
 def fit(
@@ -311,24 +260,6 @@ def fit(
     return replace_models(model, {body: posterior for body, (_, posterior) in fitted.items()}), fits
 
 
-def loo_normalized_error(model: gp.GPPosterior, newest: int) -> float:
-    """Compute the mean normalized squared leave-one-out error of the newest samples of a model.
-
-    The error of a sample is divided by its predicted variance (Rasmussen and Williams 2006, Eqs. 5.11 and 5.12). The
-    expected value is 1 for a correct model.
-
-    Args:
-        model: GP of a body.
-        newest: Number of samples, the latest of the model.
-
-    Returns:
-        Mean over samples and outputs.
-    """
-    error, variance = (np.asarray(x) for x in gp.leave_one_out(model))
-    n = int(model.num_points)
-    return float((error**2 / variance)[:, max(0, n - newest) : n].mean())
-
-
 def parallel_map(function: Callable[[BodyKey], T], bodies: Collection[BodyKey]) -> dict[BodyKey, T]:
     """Evaluate a function for every body in parallel threads.
 
@@ -348,48 +279,3 @@ def parallel_map(function: Callable[[BodyKey], T], bodies: Collection[BodyKey]) 
 
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
         return dict(zip(bodies, pool.map(call, bodies), strict=True))
-
-
-def condition(
-    model: ResidualModel,
-    recorder_state: RecorderState,
-    change_points: ChangePoints = MappingProxyType({}),
-    pending: Collection[BodyKey] = (),
-) -> ResidualModel:
-    """Condition the GPs of all bodies on the recorded samples with the present hyperparameters and prior means.
-
-    A body with a change point obtains `merge_with_previous`; while it is pending, its previous model is offset by
-    `offset_model`. A body without data keeps its model.
-
-    Args:
-        model: Residual model before the update.
-        recorder_state: Recorded samples.
-        change_points: Change points of the bodies.
-        pending: Bodies with too few samples since their change point for a new model.
-
-    Returns:
-        The residual model.
-    """
-    models = {}
-    for body, (X, Y, _) in regression_targets(model, recorder_state, change_points).items():
-        current = get_model(model, body)
-        if body in change_points and len(X):
-            offset = offset_model(change_points[body], X, Y)
-            models[body] = offset if body in pending else merge_with_previous(offset, X, Y)
-        elif body not in change_points and len(X) > 1:
-            models[body] = gp.condition(X, Y, current.hyper, current.capacity)
-    return replace_models(model, models)
-
-
-def make_change_point(model: ResidualModel, body: BodyKey, time: float) -> ChangePoint:
-    """Create the change point of a body with the present model as the model before the change.
-
-    Args:
-        model: Residual model before the change.
-        body: Key of the body.
-        time: Time of the change [s].
-
-    Returns:
-        The change point.
-    """
-    return ChangePoint(time=time, model=get_model(model, body), theta=model.inertial_parameters)

@@ -5,7 +5,7 @@ predictor: the residual model alone, a disturbance observer, the correction by c
 
 See Also:
     colift.onboard.learning.residual_model: the predictions of the residual model.
-    colift.onboard.learning.residual_correction: the innovation filter.
+    colift.onboard.learning.residual_correction: estimators of the model error.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from colift.onboard.learning import residual_model
 
 Scalar = Float[Array, ""]
 DEFAULT_LEAD_TIME = 0.02
-"""Default lead time of a correction whose extrapolation gain is 1 [s]."""
+"""Default lead time of a correction by labels [s], about half the delay of labels that are filtered at 8 Hz."""
 
 
 @pytree
@@ -119,19 +119,17 @@ class DisturbanceObserver:
 
 
 @pytree
-class InnovationCorrection:
-    """Base predictor corrected by the innovation of current labels.
+class CorrectedResidual:
+    """Base predictor corrected by the estimated error of the residual model.
 
-    Implements ``f = m + alpha (f_hat - m) + r + (w T_lead + s) a g_dot`` (docs/learning, Eq. 3). ``m`` is the filtered
-    prediction, ``alpha`` the model gain, ``r`` the innovation, ``w`` the extrapolation gain and ``g_dot`` the rate of
-    the label minus ``alpha m``. ``s`` is the preview time after the control period of the innovation.
+    A time ``h`` after the control period of the correction, the prediction is ``f = f_hat + d + h a v`` with the
+    correction ``d`` and its rate ``v`` (docs/learning, Eq. 5). ``h`` is the lead time plus the preview time.
 
     Attributes:
         base: Predictor that is corrected.
-        lead_time: Lead time ``T_lead`` that compensates the label delay [s]. The default is about half the delay of
-            labels that are filtered at 8 Hz: with a constant gain ``w = 1``, longer lead times amplify label noise.
-        rate_attenuation: Share ``a`` of the label rate that is used for each agent, by group, in [0, 1]. It limits the
-            label loop gain (`colift.onboard.control.label_feedback`).
+        lead_time: Lead time that compensates the delay of the correction [s].
+        rate_attenuation: Share ``a`` of the rate that is used for each agent, by group, in [0, 1]. It limits the label
+            loop gain (`colift.onboard.control.label_feedback`).
     """
 
     base: ResidualPredictor
@@ -158,38 +156,27 @@ class InnovationCorrection:
         Args:
             state: State of the base predictor.
             model: Residual model in use.
-            context: Control context with an innovation.
+            context: Control context with a correction.
             acceleration_cmd: Commanded acceleration of the payload.
 
         Returns:
             The corrected prediction [N, N m].
 
         Raises:
-            ValueError: If the control context contains no innovation.
+            ValueError: If the control context contains no correction.
         """
-        if context.innovation is None:
+        if context.correction is None:
             raise ValueError(
-                "the control context contains no innovation; "
-                "this predictor requires `LeaderFollowerController.innovation_filter`"
+                "the control context contains no correction; "
+                "this predictor requires `LeaderFollowerController.residual_corrector`"
             )
         f = self.base.predict(state, model, context, acceleration_cmd)
-        innovation, s = context.innovation, context.clock.t - context.innovation.t
-
-        def corrected(f: Array, m: Array, alpha: Array, r: Array, rate: Array, w: Array) -> Array:
-            return m + alpha * (f - m) + r + (w * self.lead_time + s) * rate
-
-        agents = zip(innovation.rate.agents, self.rate_attenuation, strict=True)
+        correction = context.correction
+        h = self.lead_time + context.clock.t - correction.t
+        agents = zip(correction.rate.agents, self.rate_attenuation, strict=True)
         attenuated = tuple(jax.tree.map(functools.partial(jnp.multiply, a[:, None]), force) for force, a in agents)
-        rate = dataclasses.replace(innovation.rate, agents=attenuated)
-        return jax.tree.map(
-            corrected,
-            f,
-            innovation.filtered_prediction,
-            innovation.model_gain,
-            innovation.r,
-            rate,
-            innovation.extrapolation_gain,
-        )
+        rate = dataclasses.replace(correction.rate, agents=attenuated)
+        return jax.tree.map(lambda f, d, v: f + d + h * v, f, correction.error, rate)
 
 
 @pytree

@@ -4,7 +4,8 @@ Far from all data, a Gaussian process (GP) of all features returns its prior mea
 and thrust bias extend to other positions, speeds and attitudes. The forces of all bodies and the payload moment are
 therefore modelled by ``y = Phi(x) beta + f(p) + noise``. The columns of ``Phi`` are these effects and constants. ``f``
 is a GP of the position ``p`` only, as a wind field is a function of position. Moments and joint torques of agents keep
-GPs of all features. All functions run on the host.
+GPs of all features. ``f``, mass, first moments and constants may change with time (`colift.gp.TimeVariation`). All
+functions run on the host.
 
 See Also:
     colift.gp.semiparametric: joint estimation of hyperparameters and ``beta``.
@@ -17,8 +18,7 @@ References:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -47,11 +47,13 @@ class MeanPrior:
         agents: Standard deviations (5,) of the agent parameters: drag coefficient [N s/m], thrust bias [N] and
             constant force [N].
         nominal_payload: Nominal payload, which limits the identified inertial parameters.
+        median_rate: Median of the prior of the rate of changes with time [1/s] (`colift.gp.TimeVariation`).
     """
 
     payload: np.ndarray
     agents: np.ndarray
     nominal_payload: Payload
+    median_rate: float = 1 / 300
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +70,10 @@ class MeanUncertainty:
 
 
 MeanUncertainties = Mapping[features.BodyKey, MeanUncertainty]
-"""Mean uncertainty of every body with a fitted mean; the mean of a body with a change point counts as exact."""
+"""Mean uncertainty of every body with a fitted mean."""
+
+Variations = Mapping[features.BodyKey, model_update.Variation]
+"""Changes of the residual with time, by body."""
 
 
 def position_only_prior(hyperprior: gp.HyperPrior, names: Sequence[str], payload: bool) -> gp.HyperPrior:
@@ -92,17 +97,39 @@ def position_only_prior(hyperprior: gp.HyperPrior, names: Sequence[str], payload
     return dataclasses.replace(hyperprior, median=dataclasses.replace(hyperprior.median, lengthscales=scale))
 
 
+def time_variation(
+    t: np.ndarray, end: float, variation: model_update.Variation, payload: bool, median_rate: float
+) -> gp.TimeVariation:
+    """Return the changes of a body between its samples and the time of an update.
+
+    Mass, first moments and constants change: a load is added, or the wind turns. Drag and thrust bias are properties of
+    the body.
+
+    Args:
+        t: Times of the samples [s].
+        end: Time of the update [s].
+        variation: Changes of the residual of the body.
+        payload: Whether the body is the payload.
+        median_rate: Median of the prior of the rate [1/s].
+
+    Returns:
+        The changes.
+    """
+    varying = np.array([*[payload] * 4, *[False] * 4, *[True] * 6] if payload else [False] * 2 + [True] * 3)
+    return gp.TimeVariation(
+        age=end - t, jumps=variation.num_since(t), varying=varying.astype(float), median_rate=median_rate
+    )
+
+
 def fit(
     model: residual_model.ResidualModel,
     recorder_state: recorder.RecorderState,
     fit_options: model_update.FitOptions,
     mean_prior: MeanPrior,
     last_fits: model_update.Fits,
-    bodies: Collection[features.BodyKey],
-    change_points: model_update.ChangePoints = MappingProxyType({}),
-    pending: Collection[features.BodyKey] = (),
-) -> tuple[residual_model.ResidualModel, model_update.Fits, dict[features.BodyKey, np.ndarray]]:
-    """Fit mean parameters and hyperparameters of some bodies and condition the GPs of all bodies.
+    variations: Variations | None = None,
+) -> tuple[residual_model.ResidualModel, model_update.Fits, Variations]:
+    """Fit the hyperparameters of all bodies with at least two samples.
 
     Args:
         model: Residual model before the update, with a `DragThrustMean`.
@@ -110,38 +137,129 @@ def fit(
         fit_options: Options of the fit.
         mean_prior: Prior of the mean parameters.
         last_fits: Last fits by body.
-        bodies: Bodies to fit. None of them may have a change point: offset samples are no data for a mean.
-        change_points: Change points of the other bodies.
-        pending: Bodies with too few samples since their change point for a new model.
+        variations: Changes of the residual with time, by body; None for a constant residual.
 
     Returns:
-        The residual model, the last fits by body, and the posterior covariances of the fitted mean parameters.
+        The residual model with new hyperparameters, which is not conditioned yet, the last fits, and the changes with
+        new rates.
     """
     samples = {
-        body: (x, Y)
-        for body, (x, Y, _) in model_update.samples_by_body(recorder_state).items()
-        if len(x) > 1 and body in bodies
+        body: values for body, values in model_update.samples_by_body(recorder_state).items() if len(values[0]) > 1
     }
-    fitted = model_update.parallel_map(
-        lambda body: _fit_body(model, body, *samples[body], fit_options, mean_prior, last_fits.get(body)), samples
-    )
-    models = {}
-    for body, (fit, beta, _) in fitted.items():
-        model = set_mean_parameters(model, body, beta, mean_prior.nominal_payload)
-        models[body] = dataclasses.replace(residual_model.get_model(model, body), hyper=fit.hyper)
-    fits = {**last_fits, **{body: fit for body, (fit, _, _) in fitted.items()}}
-    updated = model_update.condition(
-        residual_model.replace_models(model, models), recorder_state, change_points, pending
-    )
-    updated = dataclasses.replace(updated, update_index=model.update_index + 1)  # both steps are one update
-    return updated, fits, {body: covariance for body, (_, _, covariance) in fitted.items()}
+
+    def fit_body(body: features.BodyKey) -> tuple[gp.FitResult, float | None]:
+        of = None if variations is None else variations[body]
+        return _fit_body(model, body, samples[body], fit_options, mean_prior, last_fits.get(body), of)
+
+    fitted = model_update.parallel_map(fit_body, samples)
+    models = {
+        body: dataclasses.replace(residual_model.get_model(model, body), hyper=fit.hyper)
+        for body, (fit, _) in fitted.items()
+    }
+    later = {
+        body: dataclasses.replace((variations or {})[body], rate=rate)
+        for body, (_, rate) in fitted.items()
+        if rate is not None
+    }
+    index = model.update_index
+    model = dataclasses.replace(residual_model.replace_models(model, models), update_index=index)
+    return model, {**last_fits, **{body: fit for body, (fit, _) in fitted.items()}}, {**(variations or {}), **later}
+
+
+def condition(
+    model: residual_model.ResidualModel,
+    recorder_state: recorder.RecorderState,
+    mean_prior: MeanPrior,
+    end: float,
+    variations: Variations | None = None,
+) -> tuple[residual_model.ResidualModel, dict[features.BodyKey, np.ndarray]]:
+    """Estimate the present mean parameters of all bodies and condition their GPs.
+
+    Args:
+        model: Residual model with the hyperparameters.
+        recorder_state: Recorded samples.
+        mean_prior: Prior of the mean parameters.
+        end: Time of the update [s].
+        variations: Changes of the residual with time, by body; None for a constant residual.
+
+    Returns:
+        The residual model, and the posterior covariances of the mean parameters by body.
+    """
+    samples = {
+        body: values for body, values in model_update.samples_by_body(recorder_state).items() if len(values[0]) > 1
+    }
+
+    def estimate(body: features.BodyKey) -> _Estimate:
+        of = None if variations is None else variations[body]
+        return _estimate_body(model, body, samples[body], mean_prior, end, of)
+
+    found = model_update.parallel_map(estimate, samples)
+    for body, of_body in found.items():
+        model = set_mean_parameters(model, body, of_body.beta, mean_prior.nominal_payload)
+    targets = model_update.regression_targets(model, recorder_state)
+
+    def condition_body(body: features.BodyKey) -> gp.GPPosterior:
+        current, (Z, Y, _) = residual_model.get_model(model, body), targets[body]
+        hyper = dataclasses.replace(current.hyper, constant_mean=jnp.asarray(found[body].constants))
+        return gp.condition(Z, Y, hyper, current.capacity, found[body].noise_covariance)
+
+    models = model_update.parallel_map(condition_body, found)
+    return residual_model.replace_models(model, models), {body: of.covariance for body, of in found.items()}
+
+
+@dataclasses.dataclass(frozen=True)
+class _Estimate:
+    """Present mean parameters of a body and the covariance of the changes since its samples."""
+
+    beta: np.ndarray
+    covariance: np.ndarray
+    constants: np.ndarray
+    noise_covariance: np.ndarray
+
+
+def _estimate_body(
+    model: residual_model.ResidualModel,
+    body: features.BodyKey,
+    samples: model_update.Samples,
+    mean_prior: MeanPrior,
+    end: float,
+    variation: model_update.Variation | None,
+) -> _Estimate:
+    """Estimate the present mean parameters and constants of a body."""
+    (x, Y, t), payload = samples, isinstance(body, str)
+    hyper = residual_model.get_model(model, body).hyper
+    prior = mean_prior.payload if payload else mean_prior.agents
+    Z, Phi = features.compute_features(model.features, body, x), mean_regressors(x, payload)
+    num_joint, num_outputs = Phi.shape[1], Y.shape[1]
+    D = np.zeros((num_outputs, len(x), len(x)))
+    if variation is not None:
+        of_time = time_variation(t, end, variation, payload, variation.rate)
+        D[:num_joint] = of_time.covariance(Z, Phi, prior, hyper, variation.rate)
+        of_f, of_constant = of_time.weights(variation.rate)
+        for i in range(num_joint, num_outputs):  # a constant variation by the standard deviation of its GP
+            D[i] = of_f * gp.function_covariance(Z, hyper, i) + of_constant * float(hyper.signal_variance[i])
+    beta, covariance = gp.estimate_parameters(Z, Y[:, :num_joint], Phi, prior, hyper, D)
+    constants = np.array(hyper.constant_mean)
+    constants[:num_joint] = beta[-num_joint:]
+    for i in range(num_joint, num_outputs):
+        constants[i] = _generalized_mean(Z, Y[:, i], hyper, i, D[i])
+    return _Estimate(beta=beta, covariance=covariance, constants=constants, noise_covariance=D)
+
+
+def _generalized_mean(
+    Z: np.ndarray, y: np.ndarray, hyper: gp.Hyperparameters, i: int, noise_covariance: np.ndarray
+) -> float:
+    """Return the constant of an output by generalized least squares, ``1^T K^-1 y / 1^T K^-1 1``."""
+    K = gp.function_covariance(Z, hyper, i) + noise_covariance
+    K.flat[:: len(K) + 1] += float(hyper.noise_variance[i])
+    weights = np.linalg.solve(K, np.ones(len(y)))
+    return float(weights @ y / weights.sum())
 
 
 def mean_uncertainties(
     model: residual_model.ResidualModel,
     recorder_state: recorder.RecorderState,
     covariances: Mapping[features.BodyKey, np.ndarray],
-    change_points: model_update.ChangePoints,
 ) -> MeanUncertainties:
     """Compute the mean uncertainties of a residual model.
 
@@ -149,18 +267,17 @@ def mean_uncertainties(
         model: Residual model.
         recorder_state: Samples on which the model was conditioned.
         covariances: Posterior covariances of the mean parameters, by body.
-        change_points: Change points; bodies with a change point are left out.
 
     Returns:
         Mean uncertainties by body.
     """
     uncertainties, samples = {}, model_update.samples_by_body(recorder_state)
-    for body in covariances.keys() - change_points.keys():
+    for body, covariance in covariances.items():
         posterior = residual_model.get_model(model, body)
         Phi = mean_regressors(samples[body][0], isinstance(body, str))
         W = np.asarray(posterior.inverse_cholesky)[: Phi.shape[1], : len(Phi), : len(Phi)]
         weighted = np.stack([w.T @ (w @ Phi[:, i]) for i, w in enumerate(W)])
-        uncertainties[body] = MeanUncertainty(weighted_regressors=weighted, covariance=covariances[body])
+        uncertainties[body] = MeanUncertainty(weighted_regressors=weighted, covariance=covariance)
     return uncertainties
 
 
@@ -193,98 +310,34 @@ def mean_variance(
     return out
 
 
-def update_inertial_mean(
-    model: residual_model.ResidualModel,
-    change_point: model_update.ChangePoint,
-    recorder_state: recorder.RecorderState,
-    mean_prior: MeanPrior,
-) -> residual_model.ResidualModel:
-    """Identify the change of the payload's mass and first moments since its change point.
-
-    The inertial wrench depends on the acceleration, so a GP does not extend it to new positions. All other changes
-    since the change point are treated as a function with the covariance of the previous model, plus noise.
-
-    Args:
-        model: Residual model before the update.
-        change_point: Change point of the payload.
-        recorder_state: Recorded samples.
-        mean_prior: Prior of the mean parameters.
-
-    Returns:
-        The residual model with updated inertial parameters.
-    """
-    before = dataclasses.replace(model, inertial_parameters=change_point.theta)
-    x, _, t = model_update.samples_by_body(recorder_state)["payload"]
-    Z, Y, _ = model_update.regression_targets(before, recorder_state, {"payload": change_point})["payload"]
-    theta = np.array(change_point.theta)
-    if len(Y):
-        Phi = mean_regressors(x[t >= change_point.time], payload=True)[:, :, :4]
-        K = gp.gram_matrices(Z, change_point.model.hyper)
-        change, _ = identification.identify_parameters(
-            Phi, Y - residual_model.predict_padded(change_point.model, Z)[0], K, mean_prior.payload[:4]
-        )
-        theta[:4] += change
-    theta = identification.enforce_physical_consistency(theta, mean_prior.nominal_payload)
-    return dataclasses.replace(model, inertial_parameters=jnp.asarray(theta))
-
-
-def normalized_innovation_squared(
-    model: residual_model.ResidualModel,
-    recorder_state: recorder.RecorderState,
-    uncertainties: MeanUncertainties,
-    last_sample_time: float,
-) -> dict[features.BodyKey, tuple[np.ndarray, np.ndarray]]:
-    """Compute the normalized innovation squared (NIS) of new samples.
-
-    The NIS of a sample is the mean over outputs of ``(y - mean)^2 / (variance + noise_variance)``. Its expected value
-    is 1 for a correct model. Far from all data the variance is large, and the NIS is small.
-
-    Args:
-        model: Residual model before the update.
-        recorder_state: Recorded samples.
-        uncertainties: Mean uncertainties by body.
-        last_sample_time: Time of the last sample of the previous update [s]; later samples are new.
-
-    Returns:
-        Times [s] and NIS of the new samples, for every body that has data and new samples.
-    """
-    out, raw = {}, model_update.samples_by_body(recorder_state)
-    for body, (Z, Y, t) in model_update.regression_targets(model, recorder_state).items():
-        posterior, new = residual_model.get_model(model, body), t > last_sample_time + 1e-9
-        if int(posterior.num_points) and new.any():
-            mean, variance = residual_model.predict_padded(posterior, Z[new])
-            if body in uncertainties:
-                Phi = mean_regressors(raw[body][0][new], isinstance(body, str))
-                variance = variance + mean_variance(posterior, uncertainties[body], Z[new], Phi)
-            nis = (Y[new] - mean) ** 2 / (variance + np.asarray(posterior.hyper.noise_variance))
-            out[body] = t[new], nis.mean(1)
-    return out
-
-
 def _fit_body(
     model: residual_model.ResidualModel,
     body: features.BodyKey,
-    x: np.ndarray,
-    Y: np.ndarray,
+    samples: model_update.Samples,
     fit_options: model_update.FitOptions,
     mean_prior: MeanPrior,
     last_fit: gp.FitResult | None,
-) -> tuple[gp.FitResult, np.ndarray, np.ndarray]:
-    """Fit a body; return the fit, the mean parameters and their posterior covariance."""
+    variation: model_update.Variation | None,
+) -> tuple[gp.FitResult, float | None]:
+    """Fit the hyperparameters of a body; return the fit and the rate of the changes."""
+    x, Y, t = samples
     Z, hyperprior = features.compute_features(model.features, body, x), fit_options.prior_for(body)
     payload = isinstance(body, str)
     num_outputs, blocks = Y.shape[1], OUTPUT_BLOCKS[payload]
     num_joint = len(blocks) * 3  # outputs with a mean function
-    Phi = mean_regressors(x, payload)
     joint = gp.fit_semiparametric(
         Z,
         Y[:, :num_joint],
-        Phi,
+        mean_regressors(x, payload),
         mean_prior.payload if payload else mean_prior.agents,
         blocks,
         hyperprior,
         start=None if last_fit is None else last_fit.hyper,
         max_iterations=fit_options.max_iterations,
+        variation=None
+        if variation is None
+        else time_variation(t, float(t.max()), variation, payload, mean_prior.median_rate),
+        start_rate=None if variation is None else variation.rate,
     )
     hyper = dataclasses.replace(joint.hyper, constant_mean=jnp.asarray(joint.theta[-num_joint:]))
     scale = np.asarray(joint.hyper.lengthscales) / gp.column_std(Z)
@@ -298,7 +351,7 @@ def _fit_body(
         converged=np.full(num_joint, joint.converged),
     )
     if num_outputs == num_joint:
-        return fit, joint.theta, joint.covariance
+        return fit, joint.rate
     rest = slice(num_joint, num_outputs)
     rest_fit = gp.fit(
         Z,
@@ -308,7 +361,7 @@ def _fit_body(
         restarts=0 if last_fit else fit_options.restarts,
         max_iterations=fit_options.max_iterations,
     )
-    return gp.concatenate_fits(fit, rest_fit), joint.theta, joint.covariance
+    return gp.concatenate_fits(fit, rest_fit), joint.rate
 
 
 def mean_regressors(x: np.ndarray, payload: bool) -> np.ndarray:

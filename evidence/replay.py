@@ -1,0 +1,244 @@
+"""Replay of residual correctors over recorded flights of `adaptive`, scored by their forecasts.
+
+Each item is a flight in the random environment of one sample of `evidence react`, with another key of the random
+numbers. The flight records labels before their filter and predictions of the residual model. Each corrector is then
+computed for these signals, so that correctors are compared on equal labels without a flight.
+
+A forecast for the time h ahead is the sum of the forces of payload and agents, ``f_hat(t + h) + d + h v``. Its error
+passes the position loop, ``e'' + K_v e' + K_p e = error / mass``, and the score is the RMS position error after the
+changes. The prediction of the model is taken from the recorded flight. Where the model is replaced between t and
+t + h, the step of its prediction is removed, because the correction of that period removes it too.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.signal import cont2discrete, lfilter
+
+from colift.analysis import metrics
+from colift.closed_loop.flight import Experiment, run_experiment
+from colift.closed_loop.signals import StepRecord
+from colift.math.pytree import pytree
+from colift.models.parameters import Team
+from colift.models.state import ControlClock, ResidualForces, zero_residual
+from colift.onboard.learning import residual_correction
+from colift.onboard.learning.kalman_correction import KalmanState, ResidualKalmanFilter
+from colift.scenario import experiment
+from evidence import collect, react
+from evidence.targets import Target, report
+
+KEY = 7119  # of the random numbers; not that of `evidence react`
+SAMPLES = 60
+HORIZONS = (0.0, 0.03, 0.06, 0.1)  # s
+REPRODUCED_N = 0.02  # largest RMS difference between recorded and replayed correction
+
+Corrector = residual_correction.ResidualCorrector
+
+
+def scale_std(given: ResidualKalmanFilter, factor: float) -> ResidualKalmanFilter:
+    """Return a filter with another standard deviation of the error."""
+    return dataclasses.replace(given, std=jax.tree.map(lambda std: factor * std, given.std))
+
+
+def with_field(name: str, value: float) -> Callable[[ResidualKalmanFilter], Corrector]:
+    """Return the map to a filter with another value of a field."""
+    return lambda given: dataclasses.replace(given, **{name: jnp.array(value)})
+
+
+@pytree
+class WithoutModel:
+    """Corrector that replaces the prediction of the model by zero.
+
+    Attributes:
+        corrector: Corrector of the residual itself.
+    """
+
+    corrector: ResidualKalmanFilter
+
+    def init(self, team: Team) -> KalmanState:
+        """Return the state of the corrector."""
+        return self.corrector.init(team)
+
+    def update(
+        self, state: KalmanState, observation: residual_correction.ResidualObservation, clock: ControlClock
+    ) -> tuple[residual_correction.ResidualCorrection, KalmanState]:
+        """Advance the corrector with a prediction of zero."""
+        none = jax.tree.map(jnp.zeros_like, observation.prediction)
+        return self.corrector.update(state, dataclasses.replace(observation, prediction=none), clock)
+
+
+REFERENCE = "filter"
+CORRECTORS: Mapping[str, Callable[[ResidualKalmanFilter], Corrector]] = {
+    REFERENCE: lambda given: given,
+    "half the deviations": lambda given: scale_std(given, 0.5),
+    "twice the deviations": lambda given: scale_std(given, 2.0),
+    "without model": WithoutModel,
+    "max_bandwidth 5 Hz": with_field("max_bandwidth", 5.0),
+    "max_bandwidth 20 Hz": with_field("max_bandwidth", 20.0),
+    "averaging_time 0.5 s": with_field("averaging_time", 0.5),
+    "averaging_time 2 s": with_field("averaging_time", 2.0),
+    "noise_averaging 2 s": with_field("noise_averaging_time", 2.0),
+    "noise_averaging 10 s": with_field("noise_averaging_time", 10.0),
+    "decay_rate 0.5 1/s": with_field("decay_rate", 0.5),
+    "decay_rate 2 1/s": with_field("decay_rate", 2.0),
+}
+
+
+def simulate_item(item: str) -> dict[str, Any]:
+    """Return for each corrector the RMS position error [m] by horizon, and the error of reproduction [N]."""
+    settings, _ = react.draw(int(item), KEY)
+    plan = experiment.make_experiment(settings, "adaptive")
+    given = plan.controller.residual_corrector
+    assert isinstance(given, ResidualKalmanFilter)
+    flight = run_experiment(plan)
+    rows, observations = flight.records, recorded_observations(plan, flight.records)
+    late = rows.t >= react.EVALUATION_START
+    scores, reproduced = {}, None
+    for name, make in CORRECTORS.items():
+        found = replay(make(given), plan, observations)
+        scores[name] = {str(h): position_error(plan, rows, found, h, late) for h in HORIZONS}
+        if name == REFERENCE:
+            reproduced = metrics.rms_norm(np.asarray(found.error.payload.F) - np.asarray(rows.correction_L)[:, :3])
+    return {
+        "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
+        "termination_reason": flight.termination_reason,
+        "reproduction_rms_N": reproduced,
+        "forecast_e_p_rms_m": scores,
+    }
+
+
+def recorded_observations(plan: Experiment, rows: StepRecord) -> residual_correction.ResidualObservation:
+    """Return the observations of a flight.
+
+    Moments and joint torques of agents are not logged and count as zero. The payload has a label in every period.
+    """
+    team, valid = plan.controller.team, np.asarray(rows.label_valid)
+    ticks, dt = len(rows.t), float(plan.dt)
+    interval, since = np.zeros(ticks), 0.0
+    for k in range(ticks):
+        interval[k] = since = since + dt
+        since *= 1 - valid[k]
+    steps = np.isin(np.arange(ticks), update_ticks(plan, ticks)).cumsum()
+    label = logged_forces(team, rows.label_L, rows.label_x)
+    by_body = lambda L, x: jax.vmap(residual_correction.by_body)(label, jnp.asarray(L), jnp.asarray(x))  # noqa: E731
+    return residual_correction.ResidualObservation(
+        label=label,
+        prediction=logged_forces(team, rows.model_prediction_L, rows.model_prediction_x),
+        update_index=jnp.asarray(steps),
+        label_valid=by_body(np.ones(ticks), valid),
+        interval=by_body(np.full(ticks, dt), interval),
+    )
+
+
+def update_ticks(plan: Experiment, ticks: int) -> np.ndarray:
+    """Return the ticks at which a model may be replaced: the periodic updates."""
+    times = plan.online_updates.times if plan.online_updates is not None else plan.update_times
+    found = np.rint(np.asarray(times) / float(plan.dt)).astype(int)
+    return found[found < ticks]
+
+
+def logged_forces(team: Team, L: Any, x: Any) -> ResidualForces:
+    """Return residual forces of all ticks from logged payload wrenches and agent forces."""
+    zero = zero_residual(team)
+    L, x, first, groups = jnp.asarray(L), jnp.asarray(x), 0, []
+    spread = lambda leaf: jnp.zeros((len(L), *leaf.shape))  # noqa: E731
+    for group in zero.agents:
+        size = len(group.f_x)
+        groups.append(dataclasses.replace(jax.tree.map(spread, group), f_x=x[:, first : first + size]))
+        first += size
+    payload = dataclasses.replace(zero.payload, F=L[:, :3], tau=L[:, 3:])
+    return ResidualForces(payload=payload, agents=tuple(groups))
+
+
+def replay(
+    corrector: Corrector, plan: Experiment, observations: residual_correction.ResidualObservation
+) -> residual_correction.ResidualCorrection:
+    """Return the corrections of a corrector for recorded observations."""
+    return _scan(corrector, corrector.init(plan.controller.team), observations, plan.dt)
+
+
+@jax.jit
+def _scan(corrector: Corrector, start: Any, observations: residual_correction.ResidualObservation, dt: Any) -> Any:
+    """Return the corrections of all ticks."""
+
+    def step(state: Any, observation: residual_correction.ResidualObservation) -> tuple[Any, Any]:
+        correction, state = corrector.update(state, observation, ControlClock(t=jnp.zeros(()), dt=dt))
+        return state, correction
+
+    return jax.lax.scan(step, start, observations)[1]
+
+
+def total_force(forces: ResidualForces) -> np.ndarray:
+    """Return the sum of the forces of payload and agents in each tick [N]."""
+    return np.asarray(forces.payload.F + sum(group.f_x.sum(1) for group in forces.agents))
+
+
+def position_error(
+    plan: Experiment,
+    rows: StepRecord,
+    correction: residual_correction.ResidualCorrection,
+    horizon: float,
+    evaluated: np.ndarray,
+) -> float | None:
+    """Return the RMS position error that the errors of the forecasts cause [m]."""
+    if not evaluated.any():
+        return None
+    dt, team = float(plan.dt), plan.controller.team
+    n = round(horizon / dt)
+    end, at = len(rows.t), np.arange(len(rows.t) - n)
+    model = correction.prediction
+    steps = jax.tree.map(lambda x: _steps(np.asarray(x), update_ticks(plan, end)), model)
+    forecast = jax.tree.map(
+        lambda f, jump, d, v: f[at + n] - jump[at + n] + jump[at] + d[at] + horizon * v[at],
+        *(model, steps, correction.error, correction.rate),
+    )
+    true = np.asarray(rows.f_L)[:, :3] + np.asarray(rows.f_x).sum(1)
+    error = (total_force(forecast) - true[at + n]) / total_mass(team)
+    gains = plan.controller.payload_controller.gains
+    out = [
+        _second_order(error[:, i], float(gains.K_p[i, i]), float(gains.K_v[i, i]), dt) for i in range(error.shape[1])
+    ]
+    return metrics.rms_norm(np.stack(out, axis=1)[evaluated[n:]])
+
+
+def total_mass(team: Team) -> float:
+    """Return the nominal mass of payload and agents [kg]."""
+    return float(team.payload.mass + sum(group.mass.sum() for group in team.agent_groups))
+
+
+def _steps(x: np.ndarray, ticks: np.ndarray) -> np.ndarray:
+    """Return the sum of the steps of a signal at the given ticks, up to each tick."""
+    step = np.zeros_like(x)
+    step[ticks[ticks > 0]] = x[ticks[ticks > 0]] - x[ticks[ticks > 0] - 1]
+    return step.cumsum(0)
+
+
+def _second_order(u: np.ndarray, k_p: float, k_v: float, dt: float) -> np.ndarray:
+    """Return the response of ``e'' + k_v e' + k_p e = u``."""
+    numerator, denominator, _ = cont2discrete(([1.0], [1.0, k_v, k_p]), dt)
+    return lfilter(numerator[0], denominator, u)
+
+
+def main() -> bool:
+    """Print the geometric means of the scores relative to the filter of `adaptive` and return whether replays agree."""
+    found = collect("replay", map(str, range(SAMPLES)), simulate_item)
+    flown = {item: one for item, one in found.items() if not one["termination_reason"]}
+    print(f"{'forecast':22}" + "".join(f"{h:>9} s" for h in HORIZONS))
+    for name in CORRECTORS:
+        ratios = [
+            np.exp(np.mean([np.log(_score(one, name, h) / _score(one, REFERENCE, h)) for one in flown.values()]))
+            for h in HORIZONS
+        ]
+        print(f"{name:22}" + "".join(f"{x:11.3f}" for x in ratios))
+    worst = max(one["reproduction_rms_N"] for one in flown.values())
+    return report([Target("difference of recorded and replayed correction [N]", worst, most=REPRODUCED_N)])
+
+
+def _score(one: dict[str, Any], name: str, horizon: float) -> float:
+    return one["forecast_e_p_rms_m"][name][str(horizon)]

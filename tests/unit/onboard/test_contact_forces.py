@@ -1,0 +1,156 @@
+"""Tests of contact forces from the agents' equations of motion, and of payload labels without tip readings."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift.closed_loop import flight, signals
+from colift.models import aerial_manipulator
+from colift.models.parameters import KinematicTree, Team
+from colift.models.state import AgentInput, ResidualForces, flatten_agent_force, zero_residual
+from colift.onboard.estimation import contact_forces, state_estimator
+from colift.scenario import experiment
+from colift.simulation import contact_dynamics
+from tests.support import random_teams as teams
+from tests.support import small_team as light
+from tests.support.pinocchio_team import PinocchioTeam
+from tests.unit.onboard import test_state_estimator as estimation
+
+PLANAR_ARM = KinematicTree(parents=(0,), prismatic=(False,), tip_bodies=(1,))
+STRUCTURES = {
+    "one arm": ((teams.CHAIN, 1),),
+    "one planar arm": ((PLANAR_ARM, 2),),
+    "no joints": ((teams.RIGID, 1),),
+    "two arms": ((teams.WAIST_TWO_ARMS, 2),),
+    "two sliding arms": ((teams.SLIDING_ARMS, 1),),
+}
+
+
+def random_forces(team: Team, rng: np.random.Generator, scale: float = 1.0) -> ResidualForces:
+    return jax.tree.map(lambda x: jnp.asarray(scale * rng.normal(size=x.shape)), zero_residual(team))
+
+
+def agents_at_random(
+    structure: tuple, seed: int
+) -> tuple[Team, list[tuple[jax.Array, jax.Array, jax.Array, jax.Array]]]:
+    """Return Jacobian, attitude, generalized contact force and contact forces of each agent of a moving team.
+
+    The contact forces are those of the constrained dynamics with random residuals and inputs. The generalized contact
+    force is the residual minus that of the same motion without contact forces.
+    """
+    rng = np.random.default_rng(seed)
+    team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
+    inputs = tuple(
+        AgentInput(
+            u=jnp.asarray(rng.uniform(10, 20, size)),
+            tau=jnp.asarray(rng.normal(size=(size, 3))),
+            tau_r=jnp.asarray(rng.normal(size=(size, group.tree.joints))),
+        )
+        for size, group in zip(team.sizes, team.agent_groups, strict=True)
+    )
+    f = random_forces(team, rng)
+    a, lam = jax.jit(contact_dynamics.forward_dynamics)(team, z, inputs, f)
+    modelled = signals.true_residual(team, z, a, jax.tree.map(jnp.zeros_like, lam), inputs)
+    found = []
+    for group, q, f_k, m_k, lam_k in zip(team.agent_groups, z.agents, f.agents, modelled.agents, lam, strict=True):
+        A_lam = flatten_agent_force(f_k) - flatten_agent_force(m_k)
+        for j in range(len(q.x)):
+            agent = jax.tree.map(lambda x, j=j: x[j], group)
+            p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r[j]))
+            found.append((p.J_tip, q.R[j], A_lam[j], lam_k[j]))
+    return team, found
+
+
+@pytest.mark.parametrize("kind", STRUCTURES)
+def test_reconstructed_contact_forces_are_the_true_ones(kind):
+    """With the exact model and the exact residual; regularization affects the differences of arms alone."""
+    _, agents = agents_at_random(STRUCTURES[kind], seed=3)
+    for J_tip, R, A_lam, lam in agents:
+        found = contact_forces.reconstruct_contact_forces(J_tip, R, A_lam, 1e-4)
+        np.testing.assert_allclose(found, lam, rtol=1e-4, atol=1e-4)
+        regularized = contact_forces.reconstruct_contact_forces(J_tip, R, A_lam, state_estimator.MIN_LEVER)
+        np.testing.assert_allclose(regularized.sum(0), lam.sum(0), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(regularized, lam, atol=0.02 * np.abs(lam).max())
+
+
+def test_undetermined_differences_of_arms_are_zero():
+    """Two arms of a rigid body: the moment does not contain forces along the line between their tips."""
+    tips = np.array([[0.3, 0.0, -0.1], [-0.3, 0.0, -0.1]])
+    J_tip = jnp.asarray(np.stack([np.cross(tip, np.eye(3)) for tip in tips]))  # of the moment `tip x lam`
+    lam = np.array([[1.0, -2.0, 5.0], [4.0, 3.0, 8.0]])
+    A_lam = jnp.asarray(np.concatenate([lam.sum(0), np.cross(tips, lam).sum(0)]))
+    found = np.asarray(contact_forces.reconstruct_contact_forces(J_tip, jnp.eye(3), A_lam, state_estimator.MIN_LEVER))
+    np.testing.assert_allclose(found.sum(0), lam.sum(0), atol=1e-12)
+    np.testing.assert_allclose(found[:, 0], lam[:, 0].mean(), atol=1e-9)
+    np.testing.assert_allclose(found[:, 1:], lam[:, 1:], atol=0.02)
+
+
+# Estimates without tip readings ---------------------------------------------------------------------------------------
+
+
+def estimates(
+    age: float, seed: int | None = None
+) -> tuple[Team, state_estimator.StateEstimate, state_estimator.EstimatorState, ResidualForces]:
+    """Return estimates of noisy readings with tip readings of an age, for a random compensated residual of a seed."""
+    team, _, _, stream = estimation.steady_stream()
+    rng = np.random.default_rng(4)
+    noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    noisy = jax.vmap(lambda m: dataclasses.replace(m, measurement_age_s={"agents.lam": jnp.array(age)}))(noisy)
+    e = zero_residual(team) if seed is None else random_forces(team, np.random.default_rng(seed))
+    f_hat = jax.tree.map(jnp.add, random_forces(team, np.random.default_rng(0)), e)
+    estimate, state = estimation.run_estimator(team, estimation.FILTERS, noisy, estimation.constant_inputs(), f_hat)
+    return team, estimate, state, e
+
+
+def test_sum_of_forces_is_exact_without_tip_readings():
+    """An error of the compensated residuals changes the payload's label by the opposite sum of forces."""
+    _, exact, _, _ = estimates(age=1.0)
+    _, wrong, _, e = estimates(age=1.0, seed=1)
+    change = np.asarray(wrong.sample.unfiltered[0]) - np.asarray(exact.sample.unfiltered[0])
+    np.testing.assert_allclose(change[:, :3] + np.asarray(e.agents[0].f_x).sum(0), 0.0, atol=1e-9)
+    assert np.abs(change[:, :3]).min() > 0.1
+    assert not np.any(exact.sample.valid)
+
+
+def test_recent_tip_readings_are_used_as_measured():
+    """The compensated residuals have no influence while tip readings are recent."""
+    _, exact, _, _ = estimates(age=0.02)
+    _, wrong, _, _ = estimates(age=0.02, seed=1)
+    jax.tree.map(np.testing.assert_array_equal, exact, wrong)
+    assert np.all(exact.sample.valid)
+
+
+def test_training_samples_are_held_without_tip_readings():
+    """The payload's label before the filter continues; the filtered inputs and labels of samples do not."""
+    _, estimate, _, _ = estimates(age=1.0)
+    y, (x, held) = estimate.sample.unfiltered[0], estimate.sample.payload
+    assert np.abs(np.diff(y, axis=0)).max(axis=1).min() > 0
+    for signal in (held, x):
+        np.testing.assert_allclose(signal, np.broadcast_to(signal[0], signal.shape), atol=1e-12)
+
+
+# Flights --------------------------------------------------------------------------------------------------------------
+
+
+def test_payload_correction_continues_without_tip_readings():
+    """After the loss of all tip sensors the payload's correction follows the residual, and the agents' one decays."""
+    failure = 0.6
+    lost = {"kind": "intermittent", "channels": ["agents.lam"], "rate_Hz": 500, "failure_time_s": failure}
+    base = light.settings()
+    sensors = base.sensors.model_validate(base.sensors.model_dump() | {"models": [lost]})
+    plan = experiment.make_experiment(light.settings(sensors=sensors), "adaptive")
+    rows = flight.run_experiment(dataclasses.replace(plan, duration=2.0)).records
+    late = rows.t > failure + 0.1
+    assert not rows.label_valid[late].any()
+    assert rows.label_valid[rows.t < failure].all()
+    np.testing.assert_array_equal(np.asarray(rows.correction_weight_L)[late], 1.0)
+    assert np.asarray(rows.correction_weight_x)[late][-1].max() < 1
+    assert np.abs(np.diff(np.asarray(rows.correction_L)[late, :3], axis=0)).max(axis=1).min() > 0
+    total = np.asarray(rows.f_L)[:, :3] - rows.f_L_hat[:, :3] + (np.asarray(rows.f_x) - rows.f_x_hat).sum(1)
+    assert np.sqrt((total[late] ** 2).mean()) < 0.15
+    assert np.abs(np.asarray(rows.lam_hat) - rows.lam)[late].max() < 1.0
