@@ -10,6 +10,7 @@ from checks.rules.banned_names import banned_names
 from checks.rules.banned_words import banned_words
 from checks.rules.code_size import code_size
 from checks.rules.docstring_openings import docstring_openings
+from checks.rules.empty_test_modules import empty_test_modules
 from checks.rules.long_test_names import long_test_names
 from checks.rules.package_entries import package_entries
 from checks.rules.page_limits import page_limits
@@ -43,6 +44,7 @@ RULES = tuple(
         package_entries,
         page_limits,
         long_test_names,
+        empty_test_modules,
         workplace_paths,
     )
 )

@@ -88,6 +88,7 @@ def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRec
         if str(StepRecord.__annotations__[field.name]).startswith("Bool"):
             leaves[field.name] = leaves[field.name] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
+    leaves["label_valid"] = (leaves["label_valid"] > 0).astype(float)
     for name in ("correction_weight_L", "correction_weight_x"):
         leaves[name] = 1 / (1 + np.exp(-leaves[name]))
     leaves |= given
@@ -106,6 +107,7 @@ def sigma(rng: np.random.Generator, shape: Shape, every: int = 5) -> PredictionU
         agent_label_bias=tuple(rng.uniform(0.05, 0.1, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
         payload_radius=rng.uniform(1, 9, (len(t), 6)),
         agent_radius=tuple(rng.uniform(1, 9, (len(t), n, 6 + joints)) for n, joints, _ in shape.groups),
+        force_errors_to_payload=rng.uniform(0, 1, (len(t), 6, sum(n for n, _, _ in shape.groups), 3)),
     )
 
 

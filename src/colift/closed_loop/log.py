@@ -147,7 +147,8 @@ def predictive_std(rows: StepRecord, sigma: PredictionUncertainty) -> tuple[np.n
 
     The result is `sqrt(c^2 + (1 - w) s^2 + b^2)` with a correction and `sqrt(s^2 + b^2)` without. Here s is the
     posterior standard deviation of the model, b the label bias from data sheets, c the standard deviation of the
-    correction and w its weight: without labels the prediction returns to that of the model.
+    correction and w its weight: without labels the prediction returns to that of the model. In periods without tip
+    force readings, the force errors of the agents are in the label of the payload, and their variances are added.
 
     Args:
         rows: Records of the flight.
@@ -169,10 +170,12 @@ def predictive_std(rows: StepRecord, sigma: PredictionUncertainty) -> tuple[np.n
     agents = [
         np.concatenate([group[..., :3] for group in of], axis=1) for of in (sigma.agent_std, sigma.agent_label_bias)
     ]
-    return (
-        combined(sigma.payload_std, sigma.payload_label_bias, rows.correction_std_L, rows.correction_weight_L),
-        combined(*agents, rows.correction_std_x, rows.correction_weight_x),
-    )
+    payload = combined(sigma.payload_std, sigma.payload_label_bias, rows.correction_std_L, rows.correction_weight_L)
+    force = combined(*agents, rows.correction_std_x, rows.correction_weight_x)
+    if rows.label_valid is not None:
+        variance = np.einsum("tiak,tak->ti", sigma.force_errors_to_payload, force**2)
+        payload = np.sqrt(payload**2 + (1 - np.asarray(rows.label_valid)[at, None]) * variance)
+    return payload, force
 
 
 def uncertainty_norms(sigma: PredictionUncertainty) -> dict[str, np.ndarray]:

@@ -42,7 +42,6 @@ from colift.gp.hyperparameters import (
     HyperparameterBounds,
     Hyperparameters,
     HyperPrior,
-    gram_matrices,
     make_hyperparameters,
     select_outputs,
 )
@@ -97,7 +96,6 @@ __all__ = [
     "fit_shared",
     "from_expansion",
     "function_covariance",
-    "gram_matrices",
     "information_gain",
     "keep_first",
     "leave_one_out",

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from numpy.typing import ArrayLike
 
 from colift.gp.kernels import DEFAULT_KERNEL, Kernel
-from colift.gp.likelihood import conditioning_error_message, gram_matrix, min_noise_ratio
+from colift.gp.likelihood import conditioning_error_message, min_noise_ratio
 from colift.math.pytree import pytree
 
 INACTIVE_LENGTHSCALE = 1e50
@@ -161,20 +161,6 @@ def validate(hyper: Hyperparameters, points: int = 1) -> None:
     small = np.flatnonzero(v < min_noise_ratio(points) * s)
     if small.size:
         raise ValueError(f"output {small[0]}: " + conditioning_error_message(points, s[small[0]], v[small[0]]))
-
-
-def gram_matrices(X: np.ndarray, hyper: Hyperparameters) -> np.ndarray:
-    """Compute the covariance of the labels of each output, `K_i = K_f,i + noise_variance_i I`.
-
-    Args:
-        X: Inputs, `(N, dimensions)`.
-        hyper: Hyperparameters.
-
-    Returns:
-        `(outputs, N, N)`.
-    """
-    each = zip(*map(np.asarray, (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance)), strict=True)
-    return np.stack([gram_matrix(X, *of, hyper.kernel) for of in each])
 
 
 def select_outputs(hyper: Hyperparameters, outputs: slice) -> Hyperparameters:

@@ -63,6 +63,7 @@ def fit_semiparametric(
     start: Hyperparameters | None = None,
     max_iterations: int = 100,
     variation: TimeVariation | None = None,
+    median_rate: float = 1 / 300,
     start_rate: float | None = None,
 ) -> SemiparametricFit:
     """Fit the hyperparameters by MAP estimation with theta marginalized, and theta by its posterior mean.
@@ -81,6 +82,7 @@ def fit_semiparametric(
         start: Start in place of the prior's median.
         max_iterations: Maximum number of iterations.
         variation: Changes of theta and f with time; None for constant ones.
+        median_rate: Median of the prior of the rate of the changes [1/s].
         start_rate: Start of the rate in place of its median [1/s].
 
     Returns:
@@ -94,7 +96,7 @@ def fit_semiparametric(
     deviation = np.log(hyperprior.scale_factor) * np.tile([2.0, 1.0, 2.0], len(parts))
     bounds = np.concatenate([part.bounds for part in parts])
     if variation is not None:
-        centers, starts = [*centers, _log(variation.median_rate)], [*starts, _log(start_rate or variation.median_rate)]
+        centers, starts = [*centers, _log(median_rate)], [*starts, _log(start_rate or median_rate)]
         deviation, bounds = np.append(deviation, np.log(RATE_SPREAD)), np.vstack([bounds, np.log(RATE_BOUNDS)])
     center, kernel = np.concatenate(centers), hyperprior.median.kernel
 

@@ -44,13 +44,11 @@ class TimeVariation:
         age: `(N,)`, time since each sample [s].
         jumps: `(N,)`, number of change points since each sample.
         varying: `(parameters,)`, whether each parameter changes.
-        median_rate: Median of the prior of `rho` [1/s].
     """
 
     age: np.ndarray
     jumps: np.ndarray
     varying: np.ndarray
-    median_rate: float
 
     def weights(self, rate: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the matrices above for f and for theta.

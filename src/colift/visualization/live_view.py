@@ -160,6 +160,7 @@ def _no_uncertainty(experiment: Experiment) -> prediction_uncertainty.Prediction
         agent_label_bias=empty,
         payload_radius=none,
         agent_radius=empty,
+        force_errors_to_payload=np.zeros((0, 6, sum(groups.sizes), 3)),
     )
 
 

@@ -187,6 +187,7 @@ def test_miscoverage_of_errors_with_stated_std_is_nominal(corrected):
         correction_std_x=None,
         correction_weight_L=None,
         correction_weight_x=None,
+        label_valid=None,
     )
     s = np.hypot(sigma.payload_std, sigma.payload_label_bias)
     if corrected:

@@ -48,6 +48,14 @@ def test_readme_limits(run):
     assert "651 words (limit 650)" in problem.message
 
 
+def test_a_test_module_without_tests_is_reported(run):
+    """Helper modules need no test."""
+    files = {"tests/unit/test_a.py": "def test_one():\n    pass\n", "tests/support/helper.py": ""}
+    assert not run("empty-test-modules", files)
+    (problem,) = run("empty-test-modules", {"tests/unit/test_b.py": "import numpy\n"})
+    assert (problem.path, problem.line) == ("tests/unit/test_b.py", 1)
+
+
 def test_learning_limit(run):
     """The page on learning has a limit of words, not of numbers."""
     assert not run("page-limits", {"docs/learning.md": "1 " * 2500})

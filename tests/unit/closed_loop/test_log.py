@@ -122,6 +122,19 @@ def test_sigma_norms_are_frobenius_norms(rng):
     assert (ds.sigma_A >= np.maximum(ds.sigma_A_force, ds.sigma_A_moment) - 1e-12).all()
 
 
+def test_predictive_std_without_tip_readings(rng):
+    """Force variances of agents are added in periods without tip force readings."""
+    rows, sigma, _ = logged(rng, flights.MIXED)
+    given = [
+        flights.rows(np.random.default_rng(0), flights.MIXED, label_valid=np.full(len(rows.t), x)) for x in (1.0, 0.0)
+    ]
+    measured, missing = (log.predictive_std(each, sigma) for each in given)
+    np.testing.assert_array_equal(measured[1], missing[1])
+    for k in range(len(sigma.t)):
+        added = sum(sigma.force_errors_to_payload[k, :, j] @ missing[1][k, j] ** 2 for j in range(missing[1].shape[1]))
+        np.testing.assert_allclose(missing[0][k] ** 2, measured[0][k] ** 2 + added, rtol=1e-12)
+
+
 @pytest.mark.parametrize("shape", [flights.PAPER, flights.MIXED, flights.PAPER._replace(time=1, eta=0)])
 def test_file_round_trip_is_bit_exact(rng, shape, tmp_path):
     ds = flights.dataset(rng, shape, update_times_s=[], version="0.1.0", complete=0)

@@ -49,6 +49,20 @@ def test_payload_label_std_equals_random_biases(seed, case):
     np.testing.assert_allclose(np.concatenate([F, tau], axis=1).std(0), found, rtol=0.1)
 
 
+@given(seed=st.integers(0, 10**6), case=st.integers(0, len(teams.POOL) - 1))
+def test_force_errors_enter_payload_wrench_by_grasp(seed, case):
+    """The maps equal the payload wrench of force errors that are divided equally among the arms of an agent."""
+    rng = np.random.default_rng(seed)
+    team, z = team_and_state(rng, case)
+    errors = [rng.normal(size=(size, 3)) for size in team.sizes]
+    arms = [group.tree.arms for group in team.agent_groups]
+    lam = [jnp.asarray(np.repeat(e[:, None] / n, n, axis=1)) for e, n in zip(errors, arms, strict=True)]
+    W = grasp.payload_wrench(grasp.contact_points(team), z.payload.R, grasp.stack_contacts(tuple(lam)))
+    maps = prediction_uncertainty.force_errors_to_payload(team, np.asarray(z.payload.R)[None])[0]
+    found = np.einsum("iak,ak->i", maps, np.concatenate(errors))
+    np.testing.assert_allclose(found, np.concatenate([W.F, W.tau]), atol=1e-12)
+
+
 @pytest.mark.long
 @given(seed=st.integers(0, 10**6), case=st.integers(0, len(teams.POOL) - 1))
 def test_agent_label_std_equals_random_biases(seed, case):

@@ -152,7 +152,7 @@ def test_model_generalizes_to_position_and_speed(trained):
         for body in ("payload", (0, 0)):
             X, Y, _ = left[body]
             errors[name, body] = np.sqrt(
-                ((Y - residual_model.predict_padded(residual_model.get_model(of, body), X)[0])[:, :3] ** 2).mean()
+                ((Y - gp.predict(residual_model.get_model(of, body), jnp.asarray(X))[0])[:, :3] ** 2).mean()
             )
     for body in ("payload", (0, 0)):
         assert errors["place", body] < 0.5 * errors["full", body]
@@ -172,7 +172,7 @@ def test_mean_uncertainty_calibrates_extrapolation():
                 model_update.samples_by_body(fast)[body][0],
             )
             model = residual_model.get_model(fitted_model, body)
-            mean, variance = residual_model.predict_padded(model, Z)
+            mean, variance = gp.predict(model, jnp.asarray(Z))
             variance = variance + np.asarray(model.hyper.noise_variance)
             more = semiparametric.mean_variance(
                 model, uncertainties[body], Z, semiparametric.mean_regressors(x, isinstance(body, str))
@@ -203,9 +203,9 @@ def test_jump_of_constants_and_mass_keeps_the_field(t):
     assert float(model.inertial_parameters[0]) == pytest.approx(MASS + mass, abs=0.15)
     assert float(base.inertial_parameters[0]) == pytest.approx(MASS, abs=0.1)
     Z, target, _ = model_update.regression_targets(model, both(dataclasses.replace(load, Y=Y), agents))["payload"]
-    predicted = residual_model.predict_padded(model.payload, Z[n:])[0]
+    predicted = gp.predict(model.payload, jnp.asarray(Z[n:]))[0]
     error = np.sqrt(((target[n:] - predicted)[:, :3] ** 2).mean())
-    still = residual_model.predict_padded(base.payload, Z[n:])[0]
+    still = gp.predict(base.payload, jnp.asarray(Z[n:]))[0]
     assert error < 0.3  # at places that have no sample since the jump
     assert np.abs((target[n:] - still)[:, :3]).mean() > 0.5
 

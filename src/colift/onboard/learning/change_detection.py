@@ -99,7 +99,7 @@ def log_bayes_factors(
     new, hyper = t > last_sample_time, residual_model.get_model(model, body).hyper
     prior = mean_prior.payload if payload else mean_prior.agents
     Z, Phi = features.compute_features(model.features, body, x), semiparametric.mean_regressors(x, payload)
-    of_time = semiparametric.time_variation(t, float(t.max()), variation, payload, variation.rate)
+    of_time = semiparametric.time_variation(t, float(t.max()), variation, payload)
     D = of_time.covariance(Z, Phi, prior, hyper, variation.rate)
     B = of_time.parameter_covariance(Phi, prior)
     recent = t[new]

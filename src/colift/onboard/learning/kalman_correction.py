@@ -23,6 +23,7 @@ from colift.onboard.learning.residual_correction import (
     ResidualObservation,
     Scalar,
     flatten,
+    prediction_step,
     unflatten,
 )
 
@@ -228,7 +229,8 @@ class ResidualKalmanFilter:
             The correction and the next filter state.
         """
         f, valid = flatten(observation.prediction), flatten(observation.label_valid)
-        state = transfer_to_model(state, f, observation.update_index)
+        step = prediction_step(observation, state.update_index, state.prediction, state.initialized)
+        state = dataclasses.replace(state, delayed=state.delayed + step, d=state.d - step)
         next_state, nis = self.filter(state, f, observation, clock.dt)
         weight, std = next_state.weight_and_std()
         forces = lambda x: unflatten(x, observation.label)  # noqa: E731
@@ -345,10 +347,3 @@ class ResidualKalmanFilter:
             allan_1=allan_1,
             allan_block=allan_block,
         )
-
-
-def transfer_to_model(state: KalmanState, f: Outputs, update_index: Int[Array, ""]) -> KalmanState:
-    """Offset the error by the step of the prediction when the model is replaced (bumpless transfer)."""
-    replaced = (update_index != state.update_index) & (state.initialized > 0)
-    step = jnp.where(replaced, f - state.prediction, 0.0)
-    return dataclasses.replace(state, delayed=state.delayed + step, d=state.d - step)

@@ -23,6 +23,7 @@ from colift.onboard.learning.residual_correction import (
     ResidualObservation,
     Scalar,
     flatten,
+    prediction_step,
     unflatten,
     zero_correction,
 )
@@ -108,8 +109,7 @@ class LabelFilter:
         """
         f, dt = flatten(observation.prediction), clock.dt
         y, valid, interval = (flatten(x) for x in (observation.label, observation.label_valid, observation.interval))
-        replaced = (observation.update_index != state.update_index) & (state.initialized > 0)
-        step = jnp.where(replaced, f - state.prediction, 0.0)
+        step = prediction_step(observation, state.update_index, state.prediction, state.initialized)
         b = initial_smoothing_factor(state.initialized, smoothing_factor(self.filters.tip_force, dt))
         sensor_lowpass = _low_pass(state.sensor_lowpass + step, f, b)
         # The filter does not change in periods without a label.

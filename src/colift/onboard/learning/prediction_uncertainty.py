@@ -41,6 +41,8 @@ class PredictionUncertainty:
         agent_label_bias: Standard deviations of the label bias of the agents, by group.
         payload_radius: Error bounds of the payload outputs, of shape (time, 6); see `confidence_bounds.error_radius`.
         agent_radius: Error bounds of the agent outputs, by group.
+        force_errors_to_payload: Squared entries of the maps of `force_errors_to_payload`, of shape
+            (time, 6, agents, 3) [1, m^2].
     """
 
     t: np.ndarray
@@ -50,6 +52,7 @@ class PredictionUncertainty:
     agent_label_bias: tuple[np.ndarray, ...]
     payload_radius: np.ndarray
     agent_radius: tuple[np.ndarray, ...]
+    force_errors_to_payload: np.ndarray
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +158,7 @@ def evaluate_along(
         agent_label_bias=agent_label_bias,
         payload_radius=payload_radius,
         agent_radius=agent_radius,
+        force_errors_to_payload=force_errors_to_payload(team, x[:, 6:15].reshape(-1, 3, 3)) ** 2,
     )
 
 
@@ -223,6 +227,26 @@ def payload_label_bias_std(team: Team, biases: LabelBiasModel, t: np.ndarray) ->
     force = np.sqrt(len(rho) * b**2 + (float(team.payload.mass) * a) ** 2)
     lever = np.sqrt(((rho**2).sum(1)[:, None] - rho**2).sum(0))
     return np.concatenate([np.repeat(force[:, None], 3, 1), b[:, None] * lever], axis=1)
+
+
+def force_errors_to_payload(team: Team, R: Float[np.ndarray, "time 3 3"]) -> Float[np.ndarray, "time 6 agents 3"]:
+    """Compute the maps from force errors of agents to the payload wrench, for periods without tip force readings.
+
+    Contact forces then follow from the equations of motion of the agents. An error ``e_j`` of the compensated force of
+    agent j enters the payload's label as ``(-e_j, -rho_j x R^T e_j)``, with the mean position ``rho_j`` of the contacts
+    of the agent. Errors of the differences between the arms of one agent are not included.
+
+    Args:
+        team: Nominal parameters.
+        R: Attitudes of the payload, body to world.
+
+    Returns:
+        The maps without the sign, from forces [N, world] to force [N, world] and moment [N m, payload frame].
+    """
+    lever = np.concatenate([np.asarray(group.contact_position).mean(1) for group in team.agent_groups])
+    moments = np.cross(lever[None, :, None], R[:, None], axis=-1)  # rows of R: axes of the world in the payload frame
+    forces = np.broadcast_to(np.eye(3)[:, None], (len(R), 3, len(lever), 3))
+    return np.concatenate([forces, moments.transpose(0, 3, 1, 2)], axis=1)
 
 
 def agent_label_bias_std(

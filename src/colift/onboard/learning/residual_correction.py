@@ -166,6 +166,23 @@ class ResidualCorrector(Protocol):
         ...
 
 
+def prediction_step(
+    observation: ResidualObservation, update_index: Int[Array, ""], prediction: Outputs, initialized: Scalar
+) -> Outputs:
+    """Return the step of the prediction if the model was replaced since the previous control period, otherwise zero.
+
+    A corrector offsets its error by this step (bumpless transfer).
+
+    Args:
+        observation: Observation of this control period.
+        update_index: Index of the model update in the previous control period.
+        prediction: Prediction in the previous control period [N, N m].
+        initialized: 0 before the first control period, 1 afterwards.
+    """
+    replaced = (observation.update_index != update_index) & (initialized > 0)
+    return jnp.where(replaced, flatten(observation.prediction) - prediction, 0.0)
+
+
 def flatten(forces: ResidualForces) -> Outputs:
     """Return the outputs of all bodies as one vector."""
     return jnp.concatenate([jnp.ravel(x) for x in jax.tree.leaves(forces)])

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from colift import gp
@@ -32,7 +31,7 @@ from colift.models.state import (
     flatten_payload_state,
     split_agent_force,
 )
-from colift.onboard.learning.features import BodyKey, DefaultFeatures, Features, pad_rows
+from colift.onboard.learning.features import BodyKey, DefaultFeatures, Features
 from colift.onboard.learning.identification import inertial_regressor
 from colift.onboard.learning.mean_functions import MeanFunction
 
@@ -152,21 +151,6 @@ def predict_agents(model: ResidualModel, x: tuple[Float[Array, "agents inputs"],
             f = f + model.mean_function.agent_means(i, inputs)
         out.append(split_agent_force(f))
     return tuple(out)
-
-
-def predict_padded(model: gp.GPPosterior, X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Evaluate means and variances of a GP on the host, with one compiled program for all numbers of inputs.
-
-    Args:
-        model: GP.
-        X: GP inputs; at least one and at most as many as the capacity of the GP.
-
-    Returns:
-        Means and variances at the inputs.
-    """
-    n = len(X)
-    mean, variance = gp.predict(model, jnp.asarray(pad_rows(X, model.capacity)))
-    return np.asarray(mean)[:n], np.asarray(variance)[:n]
 
 
 def get_model(model: ResidualModel, body: BodyKey) -> gp.GPPosterior:

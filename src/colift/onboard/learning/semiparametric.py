@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -48,12 +49,18 @@ class MeanPrior:
             constant force [N].
         nominal_payload: Nominal payload, which limits the identified inertial parameters.
         median_rate: Median of the prior of the rate of changes with time [1/s] (`colift.gp.TimeVariation`).
+
+    Mass, first moments and constants change with time: a load is added, or the wind turns. Drag and thrust bias are
+    properties of the body.
     """
 
     payload: np.ndarray
     agents: np.ndarray
     nominal_payload: Payload
     median_rate: float = 1 / 300
+
+    PAYLOAD_VARIES: ClassVar = np.array([1.0] * 4 + [0.0] * 4 + [1.0] * 6)
+    AGENT_VARIES: ClassVar = np.array([0.0] * 2 + [1.0] * 3)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,28 +104,20 @@ def position_only_prior(hyperprior: gp.HyperPrior, names: Sequence[str], payload
     return dataclasses.replace(hyperprior, median=dataclasses.replace(hyperprior.median, lengthscales=scale))
 
 
-def time_variation(
-    t: np.ndarray, end: float, variation: model_update.Variation, payload: bool, median_rate: float
-) -> gp.TimeVariation:
+def time_variation(t: np.ndarray, end: float, variation: model_update.Variation, payload: bool) -> gp.TimeVariation:
     """Return the changes of a body between its samples and the time of an update.
-
-    Mass, first moments and constants change: a load is added, or the wind turns. Drag and thrust bias are properties of
-    the body.
 
     Args:
         t: Times of the samples [s].
         end: Time of the update [s].
         variation: Changes of the residual of the body.
         payload: Whether the body is the payload.
-        median_rate: Median of the prior of the rate [1/s].
 
     Returns:
         The changes.
     """
-    varying = np.array([*[payload] * 4, *[False] * 4, *[True] * 6] if payload else [False] * 2 + [True] * 3)
-    return gp.TimeVariation(
-        age=end - t, jumps=variation.num_since(t), varying=varying.astype(float), median_rate=median_rate
-    )
+    varying = MeanPrior.PAYLOAD_VARIES if payload else MeanPrior.AGENT_VARIES
+    return gp.TimeVariation(age=end - t, jumps=variation.num_since(t), varying=varying)
 
 
 def fit(
@@ -143,9 +142,7 @@ def fit(
         The residual model with new hyperparameters, which is not conditioned yet, the last fits, and the changes with
         new rates.
     """
-    samples = {
-        body: values for body, values in model_update.samples_by_body(recorder_state).items() if len(values[0]) > 1
-    }
+    samples = _sufficient_samples(recorder_state)
 
     def fit_body(body: features.BodyKey) -> tuple[gp.FitResult, float | None]:
         of = None if variations is None else variations[body]
@@ -185,9 +182,7 @@ def condition(
     Returns:
         The residual model, and the posterior covariances of the mean parameters by body.
     """
-    samples = {
-        body: values for body, values in model_update.samples_by_body(recorder_state).items() if len(values[0]) > 1
-    }
+    samples = _sufficient_samples(recorder_state)
 
     def estimate(body: features.BodyKey) -> _Estimate:
         of = None if variations is None else variations[body]
@@ -205,6 +200,11 @@ def condition(
 
     models = model_update.parallel_map(condition_body, found)
     return residual_model.replace_models(model, models), {body: of.covariance for body, of in found.items()}
+
+
+def _sufficient_samples(recorder_state: recorder.RecorderState) -> dict[features.BodyKey, model_update.Samples]:
+    """Return the samples of all bodies with at least two."""
+    return {body: of for body, of in model_update.samples_by_body(recorder_state).items() if len(of[0]) > 1}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -233,7 +233,7 @@ def _estimate_body(
     num_joint, num_outputs = Phi.shape[1], Y.shape[1]
     D = np.zeros((num_outputs, len(x), len(x)))
     if variation is not None:
-        of_time = time_variation(t, end, variation, payload, variation.rate)
+        of_time = time_variation(t, end, variation, payload)
         D[:num_joint] = of_time.covariance(Z, Phi, prior, hyper, variation.rate)
         of_f, of_constant = of_time.weights(variation.rate)
         for i in range(num_joint, num_outputs):  # a constant variation by the standard deviation of its GP
@@ -334,9 +334,8 @@ def _fit_body(
         hyperprior,
         start=None if last_fit is None else last_fit.hyper,
         max_iterations=fit_options.max_iterations,
-        variation=None
-        if variation is None
-        else time_variation(t, float(t.max()), variation, payload, mean_prior.median_rate),
+        variation=None if variation is None else time_variation(t, float(t.max()), variation, payload),
+        median_rate=mean_prior.median_rate,
         start_rate=None if variation is None else variation.rate,
     )
     hyper = dataclasses.replace(joint.hyper, constant_mean=jnp.asarray(joint.theta[-num_joint:]))
