@@ -21,7 +21,7 @@ def solver(of: cone_programs.Geometry, tolerance: float = 2e-6, iterations: int 
 
 def cold(program: cone_program.ConeProgram) -> cone_program.WarmStart:
     zero = jnp.zeros(program.A.shape[0])
-    return cone_program.WarmStart(z=zero, y=zero)
+    return cone_program.WarmStart(projected=zero, multipliers=zero)
 
 
 @pytest.mark.parametrize("contacts", TEAMS)

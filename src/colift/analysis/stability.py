@@ -28,6 +28,7 @@ from colift.closed_loop import flight, simulator
 from colift.math import so3
 from colift.math.linalg import matmul
 from colift.models.state import State
+from colift.onboard.control.constrained_allocation import ConstrainedAllocator
 from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
 from colift.simulation import sensors
@@ -47,6 +48,7 @@ LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
     r"|\.(estimator|corrector)\.time_since_label$|\.initialized$|\.controller\.last_f_hat\b"
 )
+WARM_STARTS = r"\.allocator\.(projected|multipliers)$"  # without influence on a solution to rounding accuracy
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
     r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise)"
 )
@@ -362,8 +364,12 @@ def _undisturbed_loop(
     """Return configuration, state and noise of the loop without disturbances and limits, with the clock at zero.
 
     The state is taken after one tick and as many further ticks as the largest sensor delay. Kalman filters of a
-    residual corrector have their steady-state covariances: those of the least label noise, as sensors are exact.
+    residual corrector have their steady-state covariances: those of the least label noise, as sensors are exact. An
+    allocator with limits iterates to rounding accuracy.
     """
+    if isinstance(allocator := getattr(experiment.controller, "allocator", None), ConstrainedAllocator):
+        exact = dataclasses.replace(experiment.controller, allocator=allocator.converged())
+        experiment = dataclasses.replace(experiment, controller=exact)
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
     start = simulator.reset(experiment.loop_config, state)
@@ -631,6 +637,7 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
 
     Recorded data are excluded, with the label filters of training samples. Labels are excluded without a residual
     corrector. The residuals compensated in the last period act only without tip readings; sensors are exact here.
+    Warm starts of an allocation within limits are excluded: its multipliers need not be unique, so they may persist.
 
     Args:
         loop: Loop state.
@@ -639,7 +646,7 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
         The floating-point leaves by path.
     """
     unused = LABELS if getattr(loop.controller, "corrector", None) is None else LABEL_FILTERS
-    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, unused))
+    excluded = "|".join((LEARNING_STATES, SENSORS, WARM_STARTS, SECOND_ORDER_STATES, unused))
     return {
         key: leaf
         for key, leaf in _leaves(loop)

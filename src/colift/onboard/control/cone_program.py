@@ -75,8 +75,8 @@ class ConeProgram:
 class WarmStart:
     """Solution of the last program: rows after projection, and scaled multipliers."""
 
-    z: Float[Array, " rows"]
-    y: Float[Array, " rows"]
+    projected: Float[Array, " rows"]
+    multipliers: Float[Array, " rows"]
 
 
 @pytree
@@ -217,12 +217,12 @@ def solve(
         return (jnp.maximum(primal, dual) > program.tolerance) & (count < program.max_iterations)
 
     first = jnp.where(is_free, zero, 1e3)
-    z, y = jnp.where(is_free, v_0, start.z), jnp.where(is_free, 0.0, start.y)
+    z, y = jnp.where(is_free, v_0, start.projected), jnp.where(is_free, 0.0, start.multipliers)
     z, y, primal, dual, count = jax.lax.while_loop(is_running, advance, (z, y, first, first, zero))
     return Solution(
         x=x_0 + matvec(program.gain, z - y - v_0),
         v=z,
         residuals=jnp.stack([primal, dual]),
         iterations=count,
-        warm_start=WarmStart(z=z, y=y),
+        warm_start=WarmStart(projected=z, multipliers=y),
     )

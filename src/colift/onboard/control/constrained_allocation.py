@@ -53,6 +53,8 @@ The rates are those of the command without limits; at a limit the forces do not 
 """
 ACTIVE_TOLERANCE = 1e-2
 """Distance from a limit at which it is reported as active [N]."""
+CONVERGED_TOLERANCE, CONVERGED_ITERATIONS = 1e-12, 5000.0
+"""Tolerance [N] and iterations of a solution to rounding accuracy."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +96,17 @@ class ConstrainedAllocator:
     def init(self) -> PartState:
         """Return a cold start."""
         zero = jnp.zeros(self.program.A.shape[0])
-        return cone_program.WarmStart(z=zero, y=zero)
+        return cone_program.WarmStart(projected=zero, multipliers=zero)
+
+    def converged(self) -> ConstrainedAllocator:
+        """Return this allocator with iterations to rounding accuracy, so that its result does not depend on its state.
+
+        Finite differences of the control law require it: with few iterations the error of the solution exceeds them.
+        """
+        program = dataclasses.replace(
+            self.program, tolerance=jnp.asarray(CONVERGED_TOLERANCE), max_iterations=jnp.asarray(CONVERGED_ITERATIONS)
+        )
+        return dataclasses.replace(self, program=program)
 
     def allocate(
         self, state: PartState, context: ControlContext, demand: AllocationDemand
