@@ -135,6 +135,7 @@ def test_friction_cones_at_equilibrium_leave_true_modes():
     assert -2.5 < modes.slowest_eigenvalue[0] < -1.5  # 1/s; -1.75 without limits
 
 
+@pytest.mark.long
 def test_slow_control_rate_is_unstable(monkeypatch):
     """At 20 Hz the same team and gains are unstable, in the linearization and in simulation.
 
