@@ -568,7 +568,7 @@ def _residual(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Wor
 
 
 def _without_disturbances(world: SimulatedWorld) -> SimulatedWorld:
-    """Return the world without disturbances and with ideal sensors sampled at every tick."""
+    """Return the world without disturbances and faults, and with ideal sensors sampled at every tick."""
     zero_noise = jax.tree.map(jnp.zeros_like, world.sensors)
     return dataclasses.replace(
         world,
@@ -576,6 +576,7 @@ def _without_disturbances(world: SimulatedWorld) -> SimulatedWorld:
         sensors=dataclasses.replace(zero_noise, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
         tip_force_bias=jax.tree.map(jnp.zeros_like, world.tip_force_bias),
         sensor_models=tuple(map(_ideal_sensor, world.sensor_models)),
+        faults=None,
     )
 
 
@@ -587,6 +588,8 @@ def _ideal_sensor(sensor: sensors.SensorModel) -> sensors.SensorModel:
             return dataclasses.replace(
                 sensor, sample_period=zero, dropout_probability=zero, failure_time=jnp.full((), jnp.inf)
             )
+        case sensors.StuckReading():
+            return dataclasses.replace(sensor, start=jnp.full((), jnp.inf))
         case sensors.BiasRandomWalk():
             return dataclasses.replace(sensor, random_walk_density=zero, initial_bias_std=zero)
         case _:

@@ -151,7 +151,7 @@ def make_record(
     """Assemble the record of one tick.
 
     Args:
-        team: True parameters.
+        team: True parameters; those of the ground truth apply if it has some.
         nominal: Nominal parameters of the controller.
         t: Time of the tick [s].
         truth: True quantities at the start of the tick.
@@ -160,6 +160,7 @@ def make_record(
     Returns:
         The record.
     """
+    team = team if truth.team is None else truth.team
     z, a, inputs = truth.state, truth.acceleration, truth.inputs
     q, d = z.payload, telemetry.setpoint
     force = grasp.stack_contacts(truth.lam)

@@ -38,6 +38,7 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
         *_poses(data),
         *_delays(data),
         *_mass_steps(data),
+        *_faults(data),
     ]
 
 
@@ -345,7 +346,7 @@ def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def log_size(data: dict[str, Any]) -> int:
     """Return an upper bound of the number of values per tick in the log."""
-    return 102 + 51 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
+    return 108 + 53 * len(_items(data, "agents")) + 6 * _joints(data) + 14 * len(contacts(data))
 
 
 def model_outputs(data: dict[str, Any]) -> int:
@@ -399,6 +400,39 @@ def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
     if not math.isnan(added) and _part(data, "physics", "kind") == "mujoco":
         yield ("payload_mass_step",), "physics mujoco does not support it; use kind: rigid"
+
+
+PAYLOAD_READINGS, AGENT_READINGS = ("p", "R", "v", "omega", "a"), ("x", "R", "v", "omega", "a", "r", "lam")
+
+
+def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
+    """Check the names and times of faults, and that the physics supports contacts that open."""
+    agents, duration, released = _names(_items(data, "agents")), _number(data, "duration_s"), set[str]()
+    for i, fault in enumerate(_items(data, "faults")):
+        location: Location = ("faults", i)
+        kind, who = _part(fault, "kind"), _part(fault, "who")
+        known, expected = {
+            "thrust": (agents, "an agent"),
+            "sensor": (["payload", *agents], "the payload or an agent"),
+            "contact": (contacts(data), "a contact"),
+        }.get(str(kind), ([], ""))
+        start, end = _number(fault, "start_s"), _number(fault, "end_s")
+        if isinstance(who, str) and known and who not in known:
+            yield (*location, "who"), unknown_name_message(who, known, expected)
+        elif kind == "sensor":
+            readings, reading = PAYLOAD_READINGS if who == "payload" else AGENT_READINGS, _part(fault, "reading")
+            if isinstance(reading, str) and reading not in readings:
+                yield (*location, "reading"), unknown_name_message(reading, readings, f"a reading of {who}")
+        elif kind == "contact" and who in released:
+            yield (*location, "who"), f"{format_value(who)} is named twice"
+        if kind == "contact":
+            released.add(str(who))
+            if _part(data, "physics", "kind") == "mujoco":
+                yield (*location, "kind"), "physics mujoco does not support it; use kind: rigid"
+        if start >= duration:
+            yield (*location, "start_s"), f"must be less than duration_s = {duration:g}, got {start:g}"
+        if end <= start:
+            yield (*location, "end_s"), f"must exceed start_s = {start:g}, got {end:g}"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:

@@ -38,6 +38,7 @@ from colift.scenario.schema.disturbances import (
     Wind,
     WindTurn,
 )
+from colift.scenario.schema.faults import ContactFault, Fault, SensorFault, ThrustFault
 from colift.scenario.schema.learning import AgentGPPrior, BaselineTuning, GPPrior, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics, Rotors
 from colift.scenario.schema.scenario import Scenario
@@ -76,10 +77,12 @@ __all__ = [
     "Certificate",
     "ConstantWrench",
     "ConstrainedAllocation",
+    "ContactFault",
     "ContactLimits",
     "Control",
     "ControllerPlugins",
     "Disturbance",
+    "Fault",
     "ForceMagnitudes",
     "GPPrior",
     "GaussianJet",
@@ -122,9 +125,11 @@ __all__ = [
     "Sampled",
     "Scenario",
     "Section",
+    "SensorFault",
     "Sensors",
     "TerminationLimits",
     "Tether",
+    "ThrustFault",
     "Vector",
     "Waypoints",
     "Wind",

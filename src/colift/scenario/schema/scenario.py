@@ -25,6 +25,7 @@ from colift.scenario.schema.control import (
     LeastSquaresAllocation,
 )
 from colift.scenario.schema.disturbances import Disturbance, RandomResidual
+from colift.scenario.schema.faults import Fault
 from colift.scenario.schema.learning import BaselineTuning, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics
 from colift.scenario.schema.sensors import Sensors
@@ -65,6 +66,8 @@ class Scenario(Named):
     """Disturbance forces and torques, unknown to the controller."""
     random_residual: RandomResidual | None = None
     """Random residual forces and torques, in addition to the disturbances."""
+    faults: Annotated[tuple[Fault, ...], Field(max_length=MAX_ENTRIES)] = ()
+    """Faults of rotors, sensors and contacts, unknown to the controller."""
     sensors: Sensors = Sensors()
     """Sensors."""
     actuators: Annotated[IdealActuators | LaggedMotors | Plugin, Field(discriminator="kind")] = IdealActuators(
