@@ -22,6 +22,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from colift import scenario
+from colift.campaigns import spec
 from colift.cli import app
 from colift.scenario import template
 
@@ -166,6 +167,9 @@ def do(block: Block, page: Path, folder: Path, names: dict[str, Any]) -> None:
                 importlib.import_module(file[1])
             else:
                 exec(compile("\n" * block.line + block.text, str(page), "exec", dont_inherit=True), names)
+        case "yaml" if block.text.startswith("scenario:"):
+            (folder / "campaign.yaml").write_text(block.text)
+            spec.load_campaign(folder / "campaign.yaml")
         case "yaml":
             with (folder / "fragment.yaml").open("w") as opened:
                 YAML(typ="safe").dump(merged(block.text), opened)

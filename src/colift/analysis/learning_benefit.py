@@ -14,7 +14,7 @@ import numpy as np
 
 from colift.models.parameters import Team
 from colift.scenario import Scenario
-from colift.scenario.experiment import LEARNING_CASES
+from colift.scenario.cases import LEARNING_CASES
 
 NOISE_BANDWIDTH = 1.22  # noise-equivalent bandwidth of the critically damped second-order filter over its corner
 MIN_INCREASE = 1.05  # ratio of errors with and without learning from which a warning is given

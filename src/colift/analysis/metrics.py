@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
@@ -14,8 +13,6 @@ from colift.closed_loop.flight import FlightResult
 from colift.closed_loop.signals import StepRecord
 from colift.models import grasp
 from colift.models.parameters import Team
-from colift.models.state import PayloadState
-from colift.onboard.learning import identification
 
 HIGH_FREQUENCY_HZ = 20.0  # contact forces above it do not move the payload noticeably
 MAX_CONSTRAINT_RATE = 1e-9  # m/s, `|Phi_dot|` after a step; larger values indicate that the step is too long
@@ -137,11 +134,10 @@ def high_frequency_rms(rows: StepRecord) -> float:
 
 
 def _wrenches(rows: StepRecord, nominal: Team, lam: Samples) -> np.ndarray:
-    """Compute the payload wrenches of contact forces at the estimated attitude."""
-    W = jax.vmap(grasp.payload_wrench, in_axes=(None, 0, 0))(
-        grasp.contact_points(nominal), jnp.asarray(rows.R_L_hat), jnp.asarray(lam)
-    )
-    return np.concatenate([W.F, W.tau], axis=1)
+    """Compute the payload wrenches of contact forces at the estimated attitude, as `grasp.payload_wrench`."""
+    c, lam = np.asarray(grasp.contact_points(nominal)), np.asarray(lam)
+    moments = np.cross(c, lam @ np.asarray(rows.R_L_hat)).sum(1)
+    return np.concatenate([lam.sum(1), moments], axis=1)
 
 
 def wrench_consistency_error(rows: StepRecord, nominal: Team) -> float:
@@ -308,17 +304,12 @@ def residual_statistics(rows: StepRecord, truth: Team, nominal: Team) -> dict[st
     Returns:
         The statistics of the payload and of the agents.
     """
-
-    @jax.vmap
-    def parameter_residual(p: jax.Array, v: jax.Array, R: jax.Array, omega: jax.Array, a: jax.Array) -> jax.Array:
-        q = PayloadState(p=p, v=v, R=R, omega=omega)
-        return identification.inertial_regressor(q, a[:3] - nominal.gravity, a[3:]) @ jnp.asarray(
-            parameter_mismatch(truth, nominal)
-        )
-
-    remainder = rows.f_L - np.asarray(
-        parameter_residual(*map(jnp.asarray, (rows.p, rows.v, rows.R_L, rows.omega_L, rows.a_L)))
-    )
+    m = float(nominal.payload.mass - truth.payload.mass)
+    J = np.asarray(nominal.payload.inertia - truth.payload.inertia)
+    a, w = np.asarray(rows.a_L), np.asarray(rows.omega_L)
+    force = m * (a[:, :3] - np.asarray(nominal.gravity))
+    moment = a[:, 3:] @ J + np.cross(w, w @ J)
+    remainder = rows.f_L - np.concatenate([force, moment], axis=1)
     return {
         "payload": _share(rows.f_L) | {"state_dependent_std": (remainder - remainder.mean(0)).std(0).tolist()},
         "agents_force": _share(rows.f_x.reshape(len(rows.t), -1)),
@@ -331,10 +322,3 @@ def _share(f: Samples) -> dict[str, list[float]]:
     mean, rms = f.mean(0), f.std(0)
     power = np.maximum(mean**2 + rms**2, np.finfo(float).tiny)
     return {"mean": mean.tolist(), "std": rms.tolist(), "mean_power_fraction": (mean**2 / power).tolist()}
-
-
-def parameter_mismatch(truth: Team, nominal: Team) -> np.ndarray:
-    """Return nominal minus true rigid-body parameters of the payload, as `inertial_regressor` orders them."""
-    J = np.asarray(nominal.payload.inertia - truth.payload.inertia)
-    m = float(nominal.payload.mass - truth.payload.mass)
-    return np.array([m, 0, 0, 0, J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]])

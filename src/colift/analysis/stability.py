@@ -47,6 +47,7 @@ POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
     r"|\.(estimator|corrector)\.time_since_label$|\.initialized$|\.controller\.last_f_hat\b"
+    r"|\.estimator\.clocks\b"
 )
 WARM_STARTS = r"\.allocator\.(projected|multipliers)$"  # without influence on a solution to rounding accuracy
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium

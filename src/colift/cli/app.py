@@ -20,7 +20,7 @@ try:
     import typer
     from typer.core import TyperGroup
 
-    from colift.cli import certify, common, export, init, scenario, study, view
+    from colift.cli import campaign, certify, common, export, init, scenario, study, view
     from colift.runtime import signals
 except KeyboardInterrupt:  # `main` does not handle signals yet
     sys.stderr.write("interrupted\n")
@@ -53,6 +53,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+campaign_app = typer.Typer(help="Simulate and compare many flights of a scenario.", no_args_is_help=True)
 export_app = typer.Typer(help="Export a scenario or its flights to another format.", no_args_is_help=True)
 
 
@@ -134,6 +135,9 @@ for _name, _command, _panel, _commands in COMMANDS:
     app.command(_name, help=_help(_command), rich_help_panel=_panel, epilog=_epilog)(_command)
 for _name, _command in EXPORTS.items():
     export_app.command(_name, help=_help(_command))(_command)
+for _name, _command in campaign.COMMANDS.items():
+    campaign_app.command(_name, help=_help(_command))(_command)
+app.add_typer(campaign_app, name="campaign", rich_help_panel=SIMULATION)
 app.add_typer(export_app, name="export", rich_help_panel=RESULTS)
 app.command("doctor", help=_help(doctor), rich_help_panel=INSTALLATION)(doctor)
 

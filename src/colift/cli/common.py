@@ -209,9 +209,9 @@ def complete_scenario(incomplete: str) -> list[str]:
 
 def complete_case(incomplete: str) -> list[str]:
     """Return the cases that begin with a text."""
-    from colift.scenario import experiment
+    from colift.scenario import cases
 
-    return [name for name in experiment.ALL_CASES if name.startswith(incomplete)]
+    return [name for name in cases.ALL_CASES if name.startswith(incomplete)]
 
 
 def complete_setting(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -313,12 +313,12 @@ OpenOption = Annotated[bool, typer.Option("--open", help="Open the page in a bro
 
 def parse_case(name: str, option: str = "--case") -> str:
     """Return the identifier of a case that is given in any capitalization; end the command if there is no such case."""
-    from colift.scenario import experiment
+    from colift.scenario import cases
 
     try:
-        return experiment.case_id(name)
+        return cases.case_id(name)
     except KeyError:
-        fail(f"{option} {name}: must be one of {', '.join(experiment.ALL_CASES)}")
+        fail(f"{option} {name}: must be one of {', '.join(cases.ALL_CASES)}")
 
 
 def parse_cases(names: Sequence[str], option: str = "--case") -> tuple[str, ...]:

@@ -115,6 +115,32 @@ def stage_run_directory(
         _publish(staging, target)
 
 
+@contextlib.contextmanager
+def lock_directory(target: Path) -> Generator[Path]:
+    """Lock a folder to which files are added one by one; create it if it does not exist.
+
+    Raises BlockingIOError, an OSError, if another process writes to the folder. A lock of a process that has ended is
+    removed.
+
+    Args:
+        target: Folder.
+
+    Yields:
+        Absolute path of the folder.
+
+    Raises:
+        OSError: If the folder cannot be written.
+    """
+    resolved = _resolve_target(target)
+    with contextlib.ExitStack() as stack:
+        _lock(resolved.parent / f".{resolved.name}{LOCK_SUFFIX}", target, stack)
+        try:
+            resolved.mkdir(exist_ok=True)
+        except OSError as error:
+            raise OSError(error.errno, f"cannot write to {target}: {error.strerror}") from None
+        yield resolved
+
+
 def written_files(folder: RunDirectory, patterns: Sequence[str]) -> list[str]:
     """Return the names of the files that the command has written until now.
 

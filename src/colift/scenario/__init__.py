@@ -29,6 +29,7 @@ controllers       controller of case C1 and its extensions
 termination       termination limits and hover thrust
 random_residuals  random residuals of a given RKHS norm
 assumptions       assumptions of the error bounds
+cases             cases, their extensions and baselines
 experiment        experiment of each case
 """
 

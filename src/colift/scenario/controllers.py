@@ -32,7 +32,7 @@ from colift.onboard.control.allocation import (
     least_squares_allocation,
     squeeze,
 )
-from colift.onboard.estimation import state_estimator
+from colift.onboard.estimation import nav_filter, state_estimator
 from colift.onboard.learning import kalman_correction, label_filter, residual_correction, residual_predictors
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
@@ -185,7 +185,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     default = controller.LeaderFollowerController(
         team=nominal,
         reference=trajectories.make_reference(settings),
-        estimator=state_estimator.ComplementaryFilter(filters=_filters(settings)),
+        estimator=state_estimator.ComplementaryFilter(filters=_filters(settings), pose_delay=_pose_delay(settings)),
         recorder=recorder(
             sample_period=array(1 / learning.sample_Hz),
             start=array(learning.start_s),
@@ -326,14 +326,25 @@ def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float
     return tuple(tuple(itertools.islice(each, size)) for size in team.sizes)
 
 
-def _filters(settings: schema.Scenario) -> state_estimator.FilterBandwidths:
-    return state_estimator.FilterBandwidths(
+def _filters(settings: schema.Scenario) -> nav_filter.FilterBandwidths:
+    return nav_filter.FilterBandwidths(
         complementary=array(settings.control.complementary_filter_Hz),
         imu_bias=array(settings.control.imu_bias_filter_Hz),
         joint=array(settings.control.joint_filter_Hz),
         label=array(settings.learning.label_filter_Hz),
         tip_force=array(settings.sensors.tip_force_bandwidth_Hz),
     )
+
+
+def _pose_delay(settings: schema.Scenario) -> int | None:
+    """Return the largest delay of slow or late poses and velocities in ticks; None without such readings."""
+    channels = set(itertools.chain(*nav_filter.CHANNELS.values()))
+    delays = [
+        round(model.delay_s * settings.control_Hz)
+        for model in settings.sensors.models
+        if isinstance(model, schema.Intermittent) and channels & set(model.channels)
+    ]
+    return max(delays, default=None)
 
 
 def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:

@@ -1,4 +1,4 @@
-"""Cases C1, C2, C3, their extensions and baselines, and the experiment of each case of a scenario."""
+"""Experiment of each case of a scenario."""
 
 from __future__ import annotations
 
@@ -38,48 +38,16 @@ from colift.scenario import (
     termination,
 )
 from colift.scenario import world as world_module
+from colift.scenario.cases import AGENT_LEARNING_CASES, LEARNING_CASES, case_id
+from colift.scenario.cases import ALL_CASES as ALL_CASES
+from colift.scenario.cases import BASELINES as BASELINES
+from colift.scenario.cases import EXTENSIONS as EXTENSIONS
+from colift.scenario.cases import PAPER_CASES as PAPER_CASES
 from colift.scenario.conversion import check_plugin
 from colift.simulation import disturbances as disturbances_module
 from colift.simulation.world import SimulatedWorld
 
 Scalar = Float[Array, ""]
-PAPER_CASES = {
-    "C1": "no learning",
-    "C2": "payload learning",
-    "C3": "payload and agent learning",
-}
-EXTENSIONS = {"adaptive": "C3 with online model updates and feedback correction from labels"}
-"""Cases beyond those of the paper, with their descriptions."""
-BASELINES = {
-    "integral": "C1 with integral action",
-    "disturbance_observer": "C1 with a disturbance observer on the payload",
-    "parametric": "parametric identification of the payload only",
-    "true_residual": "true residuals at estimated states",
-    "label_feedback": "feedback of filtered labels, no model",
-    "regression": "ridge regression on stated basis functions",
-    "gp_label_feedback": "C3 with feedback of filtered labels",
-}
-ALL_CASES = PAPER_CASES | EXTENSIONS | BASELINES
-AGENT_LEARNING_CASES = ("C3", "regression", "gp_label_feedback", "adaptive")
-LEARNING_CASES = ("C2", "parametric", *AGENT_LEARNING_CASES)
-
-
-def case_id(name: str) -> str:
-    """Return the identifier of a case, whatever the capitalization of its name.
-
-    Args:
-        name: Identifier of a case, such as ``C3`` or ``adaptive``, in any capitalization.
-
-    Returns:
-        The identifier as in `ALL_CASES`.
-
-    Raises:
-        KeyError: If there is no such case.
-    """
-    for case in ALL_CASES:
-        if case.lower() == name.strip().lower():
-            return case
-    raise KeyError(f"case {name!r}: must be one of {', '.join(ALL_CASES)}")
 
 
 def make_experiment(settings: Scenario, case: str) -> flight.Experiment:

@@ -19,7 +19,6 @@ from colift.runtime import bounded_read
 from colift.scenario import fields, packing
 from colift.scenario.errors import ErrorMessage, format_value, suggestion
 from colift.scenario.schema import Section
-from colift.trajectories.rotation_legs import exp, rotation
 
 TIMES = {"time_s": 1, "time_ms": 1_000, "time_us": 1_000_000, "time_ns": 1_000_000_000}
 """Columns of the time, and units per second."""
@@ -344,6 +343,8 @@ def _times(section: SampledFromFile, values: Sequence[float | int], per_second: 
 
 def _attitudes(table: _Table) -> np.ndarray:
     """Return the attitudes; the identity without columns for them."""
+    from colift.trajectories import rotation_legs  # here, because JAX takes long to import
+
     columns, n = table.columns, len(table.lines)
     if QUATERNION[0] in columns:
         q = np.array([columns[name] for name in QUATERNION], dtype=float).T
@@ -352,13 +353,13 @@ def _attitudes(table: _Table) -> np.ndarray:
         if len(far):
             lines = [f"line {table.lines[row]}: the quaternion has the norm {norm[row]:.4g}, not 1" for row in far]
             raise _TableError("\n".join(lines[:MAX_LINES_OF_ERRORS]))
-        return rotation(q / norm[:, None])
+        return rotation_legs.rotation(q / norm[:, None])
     angles = np.zeros((n, 3))
     for group, unit in ((ANGLES_DEG, np.pi / 180), (ANGLES_RAD, 1.0)):
         for axis, name in enumerate(group):
             if name in columns:
                 angles[:, axis] = unit * np.array(columns[name], dtype=float)
-    roll, pitch, yaw = (exp(angles[:, axis, None] * np.eye(3)[axis]) for axis in range(3))
+    roll, pitch, yaw = (rotation_legs.exp(angles[:, axis, None] * np.eye(3)[axis]) for axis in range(3))
     return yaw @ pitch @ roll
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BeforeValidator, Field
 
-from colift.models import urdf_parser
-from colift.models.link_tree import PRISMATIC, ChoiceRequiredError, LinkTree, reduce_tree
-from colift.models.robot import Robot
 from colift.scenario import fields, names
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
 from colift.scenario.schema import ZERO, AgentType, Name, Section
+
+if TYPE_CHECKING:
+    from colift.models.link_tree import LinkTree
+    from colift.models.robot import Robot
 
 MAX_FROZEN = 1000
 ArmNumbers = tuple[str, int, np.ndarray]
@@ -63,6 +64,8 @@ class AgentTypeFromUrdf(Section):
 
 def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], list[ErrorMessage]]:
     """Return the agent type in plain numbers, and its errors as `(location, message)`."""
+    from colift.models import link_tree, urdf_parser  # here, because JAX takes long to import
+
     try:
         tree = urdf_parser.read_urdf(folder / section.urdf)
     except OSError as error:
@@ -75,14 +78,14 @@ def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], li
     joints = [joint.name for joint in tree.moving]
     nominal_positions = {_found(name, joints): value for name, value in _nominal(section).items()}
     try:
-        robot = reduce_tree(
+        robot = link_tree.reduce_tree(
             tree,
             section.mimic_joints,
             nominal_positions,
             [_found(name, joints) for name in section.frozen],
             section.inertia,
         )
-    except ChoiceRequiredError as error:
+    except link_tree.ChoiceRequiredError as error:
         settings = {"mimic": "mimic_joints"}
         return {}, [(("urdf",), error.advise(lambda option, value: f"`{settings.get(option, option)}: {value}`"))]
     except ValueError as error:
@@ -117,6 +120,8 @@ def _tips(section: AgentTypeFromUrdf, robot: Robot) -> list[ArmNumbers]:
 
 def _errors(section: AgentTypeFromUrdf, tree: LinkTree) -> Iterator[ErrorMessage]:
     """Check the names of joints and links in the settings."""
+    from colift.models.link_tree import PRISMATIC
+
     moving = [joint.name for joint in tree.moving]
     for name in moving:
         try:

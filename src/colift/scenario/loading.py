@@ -93,14 +93,31 @@ def parse(text: str, file: str, overrides: Sequence[str] = ()) -> Scenario:
     Raises:
         ScenarioError: As in `load_scenario`.
     """
-    tree = functools.reduce(yaml_tree.with_setting, overrides, _whole(text, file))
-    data, from_files = _expanded(tree.data, Path(file).parent)
+    return resolve(_whole(text, file), overrides)
+
+
+def resolve(tree: yaml_tree.Tree, overrides: Sequence[str] = ()) -> Scenario:
+    """Convert the data of a scenario to settings.
+
+    Args:
+        tree: Data of the whole scenario, without its entry ``schema``.
+        overrides: As in `load_scenario`.
+
+    Returns:
+        The settings.
+
+    Raises:
+        ScenarioError: As in `load_scenario`.
+    """
+    tree = functools.reduce(yaml_tree.with_setting, overrides, tree)
+    folder = Path(tree.file).parent
+    data, from_files = _expanded(tree.data, folder)
     unread = {location[: 2 if location[0] == "agent_types" else 1] for location, _ in from_files}
     found: dict[Location, list[str | ErrorDetails]] = {}
     for location, message in (*tree.errors, *from_files):
         found.setdefault(location, []).append(message)
     try:
-        with plugins.plugin_path(Path(file).parent):
+        with plugins.plugin_path(folder):
             settings = SCENARIO_ADAPTER.validate_python(data)
     except ValidationError as error:
         invalid = [e for e in validation.errors(error) if not {e["loc"][:1], e["loc"][:2]} & unread]

@@ -13,7 +13,7 @@ from colift.closed_loop import part_checks
 from colift.math import so3
 from colift.scenario import packing, schema, team
 from colift.scenario.conversion import array, build_plugin, check_plugin, rotation
-from colift.trajectories import base, departure, lissajous, minimum_snap, pose_spline
+from colift.trajectories import base, departure, knots, lissajous, minimum_snap, pose_spline
 from colift.trajectories.rotation_legs import shortest_turns
 
 HALF_TURN = 1e-3
@@ -86,8 +86,8 @@ def _sampled(position_knots: str, attitude_knots: str) -> pose_spline.PoseSpline
 
     return smoothing_spline.pose_spline(
         smoothing_spline.SplineKnots(
-            position=packing.unpack(position_knots, pose_spline.POSITION_COLUMNS),
-            attitude=packing.unpack(attitude_knots, pose_spline.ATTITUDE_COLUMNS),
+            position=packing.unpack(position_knots, knots.POSITION_COLUMNS),
+            attitude=packing.unpack(attitude_knots, knots.ATTITUDE_COLUMNS),
         )
     )
 

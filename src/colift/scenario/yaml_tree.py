@@ -106,6 +106,31 @@ def with_setting(tree: Tree, change: str) -> Tree:
         raise ScenarioError(f"--set {format_value(path)}: is nested more than {MAX_DEPTH} deep")
     node = reader.compose(text)
     value = None if node is None else reader.value(node, ())
+    changed, location = _with_value(tree, path, value)
+    return dataclasses.replace(
+        changed, errors=changed.errors + [((*location, *at), message) for at, message in reader.errors]
+    )
+
+
+def with_value(tree: Tree, path: str, value: Any) -> Tree:
+    """Return the tree with one setting replaced by a value; the path is as in `with_setting`.
+
+    Args:
+        tree: Data of a scenario.
+        path: Path of the setting.
+        value: Plain data.
+
+    Returns:
+        The changed tree.
+
+    Raises:
+        ScenarioError: If the path does not exist.
+    """
+    return _with_value(tree, path, value)[0]
+
+
+def _with_value(tree: Tree, path: str, value: Any) -> tuple[Tree, Location]:
+    """Return the changed tree and the location of the setting."""
     lines, data, location = dict(tree.lines), tree.data, ()
     for name in path.split("."):
         if isinstance(data, list):
@@ -122,13 +147,13 @@ def with_setting(tree: Tree, change: str) -> Tree:
             )
         location = (*location, key)
     inside = lambda at: at[: len(location)] == location  # noqa: E731
-    return Tree(
+    changed = Tree(
         tree.file,
         _put(tree.data, location, value),
         {at: line for at, line in lines.items() if not inside(at)} | {location: 0},
-        [mistake for mistake in tree.errors if not inside(mistake[0])]
-        + [((*location, *at), message) for at, message in reader.errors],
+        [mistake for mistake in tree.errors if not inside(mistake[0])],
     )
+    return changed, location
 
 
 def diff_tree(base: Tree, tree: Tree) -> Tree:

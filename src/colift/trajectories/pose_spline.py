@@ -20,8 +20,6 @@ from colift.math.pytree import pytree
 from colift.trajectories.base import PayloadSetpoint, differentiate_motion
 
 Scalar = Float[Array, ""]
-POSITION_COLUMNS, ATTITUDE_COLUMNS = 13, 14
-"""Numbers of a knot in a table of knots: time, position or quaternion, and three derivatives."""
 
 
 @pytree

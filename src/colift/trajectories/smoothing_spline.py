@@ -25,7 +25,8 @@ import numpy as np
 from scipy import interpolate, linalg
 from scipy.sparse import linalg as sparse_linalg
 
-from colift.trajectories.pose_spline import POSITION_COLUMNS, PiecewisePolynomial, PoseSpline
+from colift.trajectories.knots import POSITION_COLUMNS
+from colift.trajectories.pose_spline import PiecewisePolynomial, PoseSpline
 from colift.trajectories.rotation_legs import (
     HERMITE,
     exp,

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
-from colift.closed_loop import log, log_signals
+from colift.closed_loop import log_signals
 from colift.visualization import axes as axes_module
 from colift.visualization import contact_force_figures, rendering, team_figure, uncertainty_figures
 from colift.visualization.style import (
@@ -318,8 +318,8 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     """Plot figure 7: position error, corrected payload force, corrections of agents, weight, and number of samples.
 
     Of the payload force, the component that varies most is shown: label, model, and model with correction and
-    95 % interval. The correction weight is that of the payload, averaged over force and moment. Spans in which it is
-    below 0.5 are shaded: labels are missing. Vertical lines mark change points.
+    95 % interval. The correction weight is that of the agents' forces, averaged over agents and axes. Spans in which it
+    is below 0.5 are shaded: the agents have no labels. Vertical lines mark change points.
 
     Args:
         cases: Logs of cases with online correction.
@@ -331,7 +331,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     figure = Figure(figsize=(PAGE_WIDTH * max(1, len(cases) / axes_module.COLUMNS), 6.0))
     grid = figure.subplots(5, len(cases), sharex=True, sharey="row", squeeze=False)
     shown = _varying_component(cases)
-    weights = {name: log.stack_parts(ds, "correction_weight_L").mean("component") for name, ds in cases.items()}
+    weights = {name: ds.correction_weight_x.mean(("agent", "axis")) for name, ds in cases.items()}
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
         t, agents = axes_module.decimate(ds, ds.time), ds.agent.values.tolist()
         color = style_of(name).color
@@ -356,7 +356,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
         r"$\|e_p\|$ [m]" + f"\n({axes_module.SMOOTHING_WINDOW:g} s RMS)",
         "payload:\n" + f"force {shown} [N]",
         "agents:\n" + "correction [N]",
-        "correction\nweight [1]",
+        "agents:\nweight [1]",
         "samples per body",
     ]
     for row, label in zip(grid, labels, strict=True):

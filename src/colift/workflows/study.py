@@ -26,7 +26,7 @@ from colift.onboard.learning import features, model_update
 from colift.runtime import atomic_write, run_directory
 from colift.runtime.run_directory import RunDirectory
 from colift.scenario import Scenario, priors, team
-from colift.scenario.experiment import ALL_CASES
+from colift.scenario.cases import ALL_CASES
 from colift.workflows import generalization
 
 # output files of a study, and of `colift playback`, `report` and `export` for its logs

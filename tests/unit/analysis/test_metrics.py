@@ -298,14 +298,6 @@ def test_residual_statistics_separate_known_parts():
     assert len(found["agents_force"]["mean"]) == 6
 
 
-def test_mismatch_is_nominal_minus_true_parameters():
-    theta = metrics.parameter_mismatch(TRUTH, NOMINAL)
-    np.testing.assert_allclose(theta, [-0.3, 0, 0, 0, -0.01, -0.03, -0.03, 0, 0, 0], atol=1e-15)
-    J = np.array([[0.05, 0.001, 0.002], [0.001, 0.2, 0.003], [0.002, 0.003, 0.2]])
-    theta = metrics.parameter_mismatch(TRUTH, with_payload(TRUTH, 2.0, J))
-    np.testing.assert_allclose(theta, [0.5, 0, 0, 0, 0.01, 0.05, 0.02, 0.001, 0.002, 0.003], atol=1e-15)
-
-
 # Steps ----------------------------------------------------------------------------------------------------------------
 
 

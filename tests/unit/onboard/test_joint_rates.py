@@ -12,7 +12,7 @@ import pytest
 from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator, KinematicTree
 from colift.models.state import PayloadState
-from colift.onboard.estimation import state_estimator
+from colift.onboard.estimation import nav_filter, state_estimator
 from tests.support import random_teams as teams
 from tests.support.pinocchio_team import PinocchioTeam, take
 
@@ -24,7 +24,7 @@ LEVER = state_estimator.MIN_LEVER
 
 @jax.jit
 def estimate(
-    agent: AerialManipulator, r: jax.Array, base: state_estimator.NavState, omega: jax.Array, payload: PayloadState,
+    agent: AerialManipulator, r: jax.Array, base: nav_filter.NavState, omega: jax.Array, payload: PayloadState,
     encoder_rate: jax.Array,
 ) -> jax.Array:  # fmt: skip
     """Return the estimated joint rates."""
@@ -49,7 +49,7 @@ def moving_agents(seed: int) -> list:
     for group, states, free in zip(team.agent_groups, z.agents, oracle.free, strict=True):
         agent, q = (jax.tree.map(lambda x: x[0], value) for value in (group, states))
         _, velocity = free.coordinates(take(states, 0))
-        base = state_estimator.NavState(R=q.R, x=jnp.zeros(3), v=q.R @ jnp.asarray(velocity[:3]))
+        base = nav_filter.NavState(R=q.R, x=jnp.zeros(3), v=q.R @ jnp.asarray(velocity[:3]))
         agents.append((agent, q, base, z.payload))
     return agents
 

@@ -17,7 +17,7 @@ from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.onboard.control import label_feedback, redundancy, tracking
 from colift.onboard.estimation import state_estimator
-from colift.onboard.estimation.state_estimator import FilterBandwidths
+from colift.onboard.estimation.nav_filter import FilterBandwidths
 from colift.scenario import experiment
 
 ARM = "agent_types.two_arms.joints.{}.body.{}={}"

@@ -19,7 +19,8 @@ from colift.closed_loop import flight
 from colift.models.state import ControlClock, PayloadState, ResidualForces, Wrench, zero_residual
 from colift.onboard import interfaces
 from colift.onboard.control import tracking
-from colift.onboard.estimation.state_estimator import FilterBandwidths, StateEstimate, TrainingSample
+from colift.onboard.estimation.nav_filter import FilterBandwidths
+from colift.onboard.estimation.state_estimator import StateEstimate, TrainingSample
 from colift.onboard.learning import features, residual_correction, residual_model, residual_predictors
 from colift.onboard.learning.kalman_correction import KalmanState, ResidualKalmanFilter
 from colift.onboard.learning.label_filter import LabelFilter

@@ -173,7 +173,7 @@ def test_mean_uncertainty_calibrates_extrapolation():
             )
             model = residual_model.get_model(fitted_model, body)
             mean, variance = gp.predict(model, jnp.asarray(Z))
-            variance = variance + np.asarray(model.hyper.noise_variance)
+            variance = np.asarray(variance) + np.asarray(model.hyper.noise_variance)
             more = semiparametric.mean_variance(
                 model, uncertainties[body], Z, semiparametric.mean_regressors(x, isinstance(body, str))
             )

@@ -25,7 +25,7 @@ from colift.models.state import (
     flatten_payload_state,
     zero_residual,
 )
-from colift.onboard.estimation import state_estimator
+from colift.onboard.estimation import nav_filter, state_estimator
 from colift.simulation import contact_dynamics, sensors
 from tests.support import paper_flights
 from tests.support import random_teams as teams
@@ -109,25 +109,25 @@ def test_sparse_labels_settle_in_the_same_time():
 
 
 CORNERS = {"complementary": 5.0, "imu_bias": 0.0, "joint": 20.0, "label": 8.0, "tip_force": 50.0}
-FILTERS = state_estimator.FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
+FILTERS = nav_filter.FilterBandwidths(**{name: jnp.array(hertz) for name, hertz in CORNERS.items()})
 
 
 def constant_motion(
     noise: float, runs: int, seed: int = 0, hertz: float = 0.0
-) -> tuple[state_estimator.NavState, state_estimator.NavState, state_estimator.NavState]:
+) -> tuple[nav_filter.NavState, nav_filter.NavState, nav_filter.NavState]:
     """Bodies at constant rate and acceleration: truth, measurements, and estimates of the complementary filter."""
     rng = np.random.default_rng(seed)
     time = 400
     omega, a = np.array([0.3, -0.5, 0.8]), np.array([0.5, 1.0, -0.4])
     t = DT * np.arange(time)
     R = Rotation.from_rotvec(t[:, None] * omega).as_matrix()
-    truth = state_estimator.NavState(R=jnp.array(R), x=jnp.array(t[:, None] ** 2 / 2 * a), v=jnp.array(t[:, None] * a))
+    truth = nav_filter.NavState(R=jnp.array(R), x=jnp.array(t[:, None] ** 2 / 2 * a), v=jnp.array(t[:, None] * a))
 
     def errors(size: float) -> np.ndarray:
         return noise * size * rng.normal(size=(runs, time, 3))
 
     turned = R @ Rotation.from_rotvec(errors(0.003).reshape(-1, 3)).as_matrix().reshape(runs, time, 3, 3)
-    read = state_estimator.NavState(
+    read = nav_filter.NavState(
         R=jnp.array(turned),
         x=jnp.array(np.asarray(truth.x) + errors(0.002)),
         v=jnp.array(np.asarray(truth.v) + errors(0.01)),
@@ -136,17 +136,17 @@ def constant_motion(
 
     still = dataclasses.replace(FILTERS, imu_bias=jnp.array(hertz))
 
-    def run(read: state_estimator.NavState, gyro: jax.Array, accelerometer: jax.Array) -> state_estimator.NavState:
-        def step(past: Any, now: tuple) -> tuple[Any, state_estimator.NavState]:
+    def run(read: nav_filter.NavState, gyro: jax.Array, accelerometer: jax.Array) -> nav_filter.NavState:
+        def step(past: Any, now: tuple) -> tuple[Any, nav_filter.NavState]:
             measured, omega, a = now
             # the filter takes the specific force in the body frame; here it is given in the world frame
             specific_force = past[0].R.T @ a
-            pose, bias, _, _ = state_estimator.complementary_update(
+            pose, bias, _, _ = nav_filter.complementary_update(
                 past, measured, omega, specific_force, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), pose
 
-        first = jax.tree.map(lambda leaf: leaf[0], truth), state_estimator.zero_bias()
+        first = jax.tree.map(lambda leaf: leaf[0], truth), nav_filter.zero_bias()
         rest = jax.tree.map(lambda leaf: leaf[1:], (read, gyro, accelerometer))
         return jax.lax.scan(step, first, rest)[1]
 
@@ -180,22 +180,22 @@ def test_the_complementary_filter_reduces_noise():
 def test_imu_biases_are_estimated():
     """At rest under gravity: 20 s with biases of 0.02 rad/s and 0.1 m/s^2 and a corner frequency of 0.1 Hz."""
     R = jnp.array(Rotation.from_rotvec([0.3, -0.2, 1.0]).as_matrix())
-    gravity, off = jnp.array([0.0, 0.0, -9.81]), state_estimator.ImuBias(
+    gravity, off = jnp.array([0.0, 0.0, -9.81]), nav_filter.ImuBias(
         omega=jnp.array([0.02, -0.01, 0.005]), a=jnp.array([0.1, -0.05, 0.02])
     )  # fmt: skip
-    rest = state_estimator.NavState(R=R, x=jnp.zeros(3), v=jnp.zeros(3))
+    rest = nav_filter.NavState(R=R, x=jnp.zeros(3), v=jnp.zeros(3))
 
     def last(hertz: float) -> tuple:
         filters = dataclasses.replace(FILTERS, imu_bias=jnp.array(hertz))
 
         def step(past: Any, _: None) -> tuple[Any, None]:
             specific_force = -R.T @ gravity + off.a
-            pose, bias, _, _ = state_estimator.complementary_update(
+            pose, bias, _, _ = nav_filter.complementary_update(
                 past, rest, off.omega, specific_force, gravity, filters, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), None
 
-        return jax.jit(lambda: jax.lax.scan(step, (rest, state_estimator.zero_bias()), length=10_000)[0])()
+        return jax.jit(lambda: jax.lax.scan(step, (rest, nav_filter.zero_bias()), length=10_000)[0])()
 
     pose, bias = last(0.1)
     np.testing.assert_allclose(bias.omega, off.omega, atol=1e-3 * 0.02)
@@ -212,7 +212,7 @@ def test_imu_biases_are_estimated():
 @jax.jit
 def run_estimator(
     team: Team,
-    filters: state_estimator.FilterBandwidths,
+    filters: nav_filter.FilterBandwidths,
     stream: measurement.Measurement,
     applied: tuple[AgentInput, ...],
     f_hat: ResidualForces | None = None,

@@ -270,12 +270,11 @@ def test_figure_7_draws_corrections_and_change_points(cases, tmp_path):
         correction_std_L_force=(ds.p.dims, rng.uniform(0.1, 1, size=ds.p.shape)),
         model_prediction_L_force=(ds.p.dims, rng.normal(size=ds.p.shape)),
         correction_x=(ds.f_x.dims, rng.normal(size=ds.f_x.shape)),
-        correction_weight_L_force=(ds.p.dims, np.tile(weight[:, None], 3)),
-        correction_weight_L_moment=(ds.p.dims, np.tile(0.5 * weight[:, None], 3)),
+        correction_weight_x=(ds.f_x.dims, weight[:, None, None] * np.array([1, 0.8, 0.9]) * np.ones(ds.f_x.shape)),
     ).assign_attrs(**attributes, change_points="2.5 s: payload; 4.5 s: payload, front")
     figure = study_figures.plot_online_correction({"C3": with_labels}, TOLD)
     error, payload, agents, used, points = figure.axes
-    np.testing.assert_allclose(used.lines[0].get_ydata(), 0.75 * weight, rtol=1e-14)
+    np.testing.assert_allclose(used.lines[0].get_ydata(), 0.9 * weight, rtol=1e-14)
     assert payload.get_ylabel() == "payload:\nforce z [N]", "the component that varies most"
     label, model, corrected = (line.get_ydata() for line in payload.lines[:3])
     np.testing.assert_array_equal(label, with_labels.label_L_force[:, 2])
@@ -308,8 +307,7 @@ def test_figure_7_draws_corrections_and_change_points(cases, tmp_path):
         "correction weight below 0.5",
         "change point",
     } <= explained
-    ones = {part: with_labels[f"correction_weight_L_{part}"] * 0 + 1 for part in ("force", "moment")}
-    small_errors = with_labels.assign({f"correction_weight_L_{part}": x for part, x in ones.items()})
+    small_errors = with_labels.assign(correction_weight_x=with_labels.correction_weight_x * 0 + 1)
     small_errors.attrs |= {
         "change_points": "",
         "num_samples_agents": 2 * np.array(with_labels.attrs["num_samples_payload"]),

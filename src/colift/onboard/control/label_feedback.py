@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.onboard.control import redundancy, tracking
-from colift.onboard.estimation import state_estimator
+from colift.onboard.estimation import nav_filter, state_estimator
 
 FREQUENCY_GRID = np.geomspace(1.0, 1e3, 400)
 """Frequencies at which the loop gain is evaluated [rad/s]."""
@@ -29,7 +29,7 @@ def label_loop_gain(
     agent: AerialManipulator,
     nominal_posture: Float[Array, "n_r"],
     gains: tracking.Gains,
-    filters: state_estimator.FilterBandwidths,
+    filters: nav_filter.FilterBandwidths,
     force: float,
 ) -> float:
     """Compute the largest gain from an agent's angular acceleration through its labels back to it.

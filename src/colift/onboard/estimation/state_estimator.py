@@ -1,7 +1,8 @@
 """State estimation and residual labels from measurements.
 
-Pose and velocity of every body come from a complementary filter. Gyroscope and accelerometer predict them; the measured
-pose and velocity correct the prediction at a low bandwidth. This removes noise without delay.
+Pose and velocity of every body come from a complementary filter (`colift.onboard.estimation.nav_filter`). Gyroscope and
+accelerometer predict them; the measured pose and velocity correct the prediction at a low bandwidth. This removes noise
+without delay.
 
 A label is the residual of the nominal equations. Momenta are differenced over one control period, all terms are summed
 without filtering, and the sum passes one filter. All terms therefore have the same delay. The inputs of the learned
@@ -10,9 +11,6 @@ models pass the same filter. Tip force sensors have a known bandwidth; the other
 See Also:
     docs/learning: equations of the labels and their delay.
     docs/decisions/0007-sum-label-terms-before-filtering: reasons and measured results.
-
-References:
-    Mahony, Hamel, Pflimlin, *Nonlinear complementary filters on the special orthogonal group*, IEEE TAC 2008.
 """
 
 from __future__ import annotations
@@ -30,7 +28,7 @@ from colift.math.filters import (
     steady_state,
     update,
 )
-from colift.math.pytree import constant, pytree
+from colift.math.pytree import constant, pytree, static
 from colift.models import aerial_manipulator, grasp, inverse_dynamics
 from colift.models.measurement import AgentReading, Measurement
 from colift.models.parameters import AerialManipulator, Team
@@ -45,94 +43,10 @@ from colift.models.state import (
     flatten_agent_state,
     flatten_payload_state,
 )
-from colift.onboard.estimation import contact_forces
+from colift.onboard.estimation import contact_forces, nav_filter
+from colift.onboard.estimation.nav_filter import FilterBandwidths, ImuBias, NavState, ReadingClock
 
 Scalar = Float[Array, ""]
-
-
-@pytree
-class FilterBandwidths:
-    """Corner frequencies of the onboard filters."""
-
-    complementary: Scalar  # Hz, correction of predicted poses and velocities by the measured ones
-    imu_bias: Scalar  # Hz, estimation of the biases of gyroscopes and accelerometers from the corrections
-    joint: Scalar  # Hz, second order, joint positions and their rates
-    label: Scalar  # Hz, second order, labels and their inputs
-    tip_force: Scalar  # Hz, first order, known bandwidth of the tip force sensors
-
-    def label_delay(self) -> Scalar:
-        """Return the delay of labels `1 / (pi label) + 1 / (2 pi tip_force)` [s]."""
-        return (1 / self.label + 1 / (2 * self.tip_force)) / jnp.pi
-
-
-@pytree
-class NavState:
-    """Pose and velocity of the sensor origin of a body."""
-
-    R: Float[Array, "*agents 3 3"]  # attitude, body to world
-    x: Float[Array, "*agents 3"]  # m, position, world
-    v: Float[Array, "*agents 3"]  # m/s, velocity, world
-
-
-@pytree
-class ImuBias:
-    """Estimated biases of gyroscope and accelerometer of a body."""
-
-    omega: Float[Array, "*agents 3"]  # rad/s, body frame
-    a: Float[Array, "*agents 3"]  # m/s^2, body frame
-
-
-def zero_bias(*agents: int) -> ImuBias:
-    """Return zero biases.
-
-    Args:
-        *agents: Leading axes of the arrays; none for a single body.
-    """
-    return ImuBias(omega=jnp.zeros((*agents, 3)), a=jnp.zeros((*agents, 3)))
-
-
-def complementary_update(
-    previous: tuple[NavState, ImuBias],
-    measured: NavState,
-    omega: so3.Vector,
-    a: so3.Vector,
-    gravity: so3.Vector,
-    filters: FilterBandwidths,
-    initialized: Scalar,
-    dt: Scalar,
-) -> tuple[NavState, ImuBias, so3.Vector, so3.Vector]:
-    """Advance the complementary filter of one body by one control period.
-
-    `R = R_- exp(omega dt) exp(b e)`, `v = v_- + a dt + b (v_measured - v)`, `x = x_- + v dt + b (x_measured - x)`.
-    `e` is the skew part of the attitude error of the prediction, and b the smoothing factor. The biases follow
-    `b_omega' = -k e` and `b_a' = -k R^T (v_measured - v)`. k is the product of the corner frequencies of fusion and
-    bias [rad^2/s^2].
-
-    Args:
-        previous: Pose, velocity and biases of the previous control period.
-        measured: Measured pose and velocity.
-        omega: Angular velocity of the gyroscope [rad/s, body frame].
-        a: Specific force of the accelerometer [m/s^2, body frame].
-        gravity: Gravitational acceleration [m/s^2, world].
-        filters: Corner frequencies.
-        initialized: 0 in the first control period, in which the measured values are taken over; 1 afterwards.
-        dt: Control period [s].
-
-    Returns:
-        Pose and velocity, biases, and angular velocity and specific force without their biases, in the body frame.
-    """
-    nav, bias = previous
-    omega, specific_force = omega - bias.omega, a - bias.a
-    b = initial_smoothing_factor(initialized, smoothing_factor(filters.complementary, dt))
-    acceleration = nav.R @ specific_force + gravity
-    R = nav.R @ so3.exp(omega * dt)
-    v = nav.v + acceleration * dt
-    x = nav.x + nav.v * dt + acceleration * (dt * dt / 2)
-    e, e_v = so3.vee(R.T @ measured.R), measured.v - v
-    k = initialized * dt * (2 * jnp.pi) ** 2 * filters.complementary * filters.imu_bias
-    next_bias = ImuBias(omega=bias.omega - k * e, a=bias.a - k * (R.T @ e_v))
-    fused = NavState(R=R @ so3.exp(b * e), x=x + b * (measured.x - x), v=v + b * e_v)
-    return fused, next_bias, omega, specific_force
 
 
 MIN_LEVER = 0.01
@@ -209,7 +123,7 @@ def joint_rates(
 class AgentFilterState:
     """Filter state of one agent, or of a group of agents, between control periods."""
 
-    base: NavState  # of the base origin
+    base: NavState  # of the base origin; with the history of a late reading as the first axis after the agents
     bias: ImuBias  # of the base sensors
     r: Float[Array, "*agents n_r"]  # rad or m, estimated joint positions
     r_dot: Float[Array, "*agents n_r"]  # rad/s or m/s, estimated joint velocities
@@ -228,8 +142,9 @@ class EstimatorState:
     """State of the estimator between control periods."""
 
     agents: tuple[AgentFilterState, ...]  # by group
-    payload: NavState  # of the payload's center of mass
+    payload: NavState  # of the payload's center of mass; with the history of a late reading as the first axis
     bias: ImuBias  # of the payload's sensors
+    clocks: tuple[ReadingClock, ReadingClock] | None  # of payload and agents; None if readings are never held or late
     omega: Float[Array, "3"]  # rad/s, of the payload in the previous control period, payload frame
     modelled_wrench: Float[Array, "6"]  # N and N m, label without contact forces, after the tip force filter
     label: SecondOrderLowPassState  # N and N m, label filter of the payload
@@ -272,14 +187,21 @@ class ComplementaryFilter:
 
     If the tip readings are too old, contact forces follow from the agents' equations of motion with their compensated
     residuals. Implements the protocol ``Estimator``.
+
+    Attributes:
+        filters: Corner frequencies of all filters.
+        max_reading_age: Largest age of a tip reading that is used [s].
+        pose_delay: Largest delay of readings of poses and velocities, in control periods; None if all of them are new
+            in every control period.
     """
 
-    filters: FilterBandwidths  # corner frequencies of all filters
-    max_reading_age: Scalar = constant(0.02)  # s, largest age of a tip reading that is used
+    filters: FilterBandwidths
+    max_reading_age: Scalar = constant(0.02)
+    pose_delay: int | None = static(default=None)
 
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
         """Return the steady state at the first measurement, with zero labels; see `Estimator`."""
-        return _initial_state(team, measurement)
+        return _initial_state(team, measurement, self.pose_delay)
 
     def update(
         self,
@@ -296,15 +218,16 @@ class ComplementaryFilter:
         return _update(team, self.filters, state, measurement, applied, f_hat, valid, clock.dt)
 
 
-def _initial_state(team: Team, measurement: Measurement) -> EstimatorState:
+def _initial_state(team: Team, measurement: Measurement, pose_delay: int | None) -> EstimatorState:
     """Return the steady state of all filters at a measurement."""
+    start = lambda nav: nav if pose_delay is None else nav_filter.initial_history(nav, pose_delay + 1)  # noqa: E731
     agents = []
     for size, group, m in zip(team.sizes, team.agent_groups, measurement.agents, strict=True):
         xi = 3 + group.tree.joints
         agents.append(
             AgentFilterState(
-                base=NavState(R=m.R, x=m.x, v=m.v),
-                bias=zero_bias(size),
+                base=start(NavState(R=m.R, x=m.x, v=m.v)),
+                bias=nav_filter.zero_bias(size),
                 r=m.r,
                 r_dot=jnp.zeros_like(m.r),
                 encoder=steady_state(m.r),
@@ -319,8 +242,9 @@ def _initial_state(team: Team, measurement: Measurement) -> EstimatorState:
     q = measurement.payload
     return EstimatorState(
         agents=tuple(agents),
-        payload=NavState(R=q.R, x=q.p, v=q.v),
-        bias=zero_bias(),
+        payload=start(NavState(R=q.R, x=q.p, v=q.v)),
+        bias=nav_filter.zero_bias(),
+        clocks=None if pose_delay is None else (nav_filter.initial_clock(), nav_filter.initial_clock()),
         omega=jnp.zeros(3),
         modelled_wrench=zero,
         label=steady_state(zero),
@@ -343,21 +267,23 @@ def _update(
     """Advance all filters by one control period; `valid` is 1 if the tip readings are recent."""
     q = measurement.payload
     agents, states, forces, labels = [], [], [], []
-    measured, previous = NavState(R=q.R, x=q.p, v=q.v), (state.payload, state.bias)
-    fused, bias, omega, a = complementary_update(
-        previous, measured, q.omega, q.a, team.gravity, filters, state.initialized, dt
+    clocks = None if state.clocks is None else _advance_clocks(state.clocks, measurement, dt)
+    fused, bias, omega, a = nav_filter.update(
+        *((state.payload, state.bias), NavState(R=q.R, x=q.p, v=q.v), q.omega, q.a, team.gravity, filters),
+        *(state.initialized, dt, clocks and clocks[0]),
     )
-    payload = PayloadState(R=fused.R, p=fused.x, omega=omega, v=fused.v)
+    nav = nav_filter.newest(fused, clocks)
+    payload = PayloadState(R=nav.R, p=nav.x, omega=omega, v=nav.v)
     interval = state.time_since_label + dt
     # Without tip readings the filters of labels and inputs hold their values.
     b = valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
-    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, 0, None, None, None, None, None))
+    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, 0, None, None, None, None, None, None))
     for group, agent_state, reading, u, f in zip(
         team.agent_groups, state.agents, measurement.agents, applied, f_hat.agents, strict=True
     ):
         estimate, lam, label, next_agent_state = update_agents(
             *(group, filters, payload, agent_state, reading, u, flatten_agent_force(f)),
-            *(team.gravity, state.initialized, valid, b, dt),
+            *(team.gravity, state.initialized, valid, b, dt, clocks and clocks[1]),
         )
         agents.append(next_agent_state)
         states.append(estimate)
@@ -367,14 +293,14 @@ def _update(
     omega_dot = state.initialized * (omega - state.omega) / dt
     specific_force = payload.R @ a
     modelled, contact = _payload_label(team, payload, specific_force, omega_dot, tuple(forces))
-    modelled = state.modelled_wrench + initial_smoothing_factor(
-        state.initialized, smoothing_factor(filters.tip_force, dt)
-    ) * (modelled - state.modelled_wrench)
+    tip_factor = initial_smoothing_factor(state.initialized, smoothing_factor(filters.tip_force, dt))
+    modelled = state.modelled_wrench + tip_factor * (modelled - state.modelled_wrench)
     inputs = flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot]))
     next_state = EstimatorState(
         agents=tuple(agents),
         payload=fused,
         bias=bias,
+        clocks=clocks,
         omega=omega,
         modelled_wrench=modelled,
         label=_filter_label(state.label, modelled - contact, b, state.initialized),
@@ -391,6 +317,18 @@ def _update(
         sample_interval=interval,
     )
     return StateEstimate(agents=tuple(states), payload=payload, a_L=a_L, lam=tuple(forces), sample=sample), next_state
+
+
+def _advance_clocks(
+    clocks: tuple[ReadingClock, ReadingClock], measurement: Measurement, dt: Scalar
+) -> tuple[ReadingClock, ReadingClock]:
+    """Return the clocks of payload and agents in this control period."""
+    ages = measurement.measurement_age_s
+    payload, agents = (
+        nav_filter.advance_clock(clock, nav_filter.CHANNELS[body], ages, dt)
+        for clock, body in zip(clocks, ("payload", "agents"), strict=True)
+    )
+    return payload, agents
 
 
 def _filter_label(
@@ -427,12 +365,14 @@ def _update_agent(
     valid: Scalar,
     b_label: Scalar,
     dt: Scalar,
+    clock: ReadingClock | None,
 ) -> tuple[AgentState, Float[Array, "arms 3"], Float[Array, "outputs"], AgentFilterState]:
     """Compute state, contact forces and label (Eq. learning_output_components) of one agent, and its filter state."""
     measured = NavState(R=m.R, x=m.x, v=m.v)
-    base, bias, omega, specific_force = complementary_update(
-        (state.base, state.bias), measured, m.omega, m.a, gravity, filters, initialized, dt
+    fused, bias, omega, specific_force = nav_filter.update(
+        (state.base, state.bias), measured, m.omega, m.a, gravity, filters, initialized, dt, clock
     )
+    base = nav_filter.newest(fused, clock)
     b = smoothing_factor(filters.joint, dt)
     encoder = update(state.encoder, m.r, b)
     predicted = state.r + dt * state.r_dot
@@ -463,7 +403,7 @@ def _update_agent(
     contact = jnp.concatenate([lam.sum(0), (p.J_tip * lam_base[:, :, None]).sum((0, 1))])
     reconstructed = contact_forces.reconstruct_contact_forces(p.J_tip, base.R, f_hat - modelled, MIN_LEVER)
     next_state = AgentFilterState(
-        base=base,
+        base=fused,
         bias=bias,
         r=r,
         r_dot=r_dot,

@@ -16,7 +16,7 @@ from colift.math.filters import initial_smoothing_factor, irregular_smoothing_fa
 from colift.math.pytree import constant, pytree
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, zero_residual
-from colift.onboard.estimation.state_estimator import FilterBandwidths
+from colift.onboard.estimation.nav_filter import FilterBandwidths
 from colift.onboard.learning.residual_correction import (
     Outputs,
     ResidualCorrection,

@@ -144,11 +144,17 @@ def evaluate_along(
     first = [-(-interval.start_tick // stride) for interval in model_intervals] + [len(x)]
     blocks = []
     for interval, start, end in zip(model_intervals, first, first[1:], strict=False):
+        if end > start and not _has_samples(interval.model):  # the prior is equal at all states
+            rows = slice(start, start + 1)
+            prior = _evaluate_block(interval, x[rows], [group[rows] for group in agents])
+            blocks.append(jax.tree.map(lambda values, n=end - start: np.repeat(values, n, axis=0), prior))
+            continue
         for block_start in range(start, end, BATCH_STATES):
             rows = slice(block_start, min(block_start + BATCH_STATES, end))
-            blocks.append(_evaluate_block(team, biases, interval, t[rows], x[rows], [group[rows] for group in agents]))
-    payload_std, agent_std, agent_label_bias, payload_radius, agent_radius = jax.tree.map(
-        lambda *parts: np.concatenate(parts), *blocks
+            blocks.append(_evaluate_block(interval, x[rows], [group[rows] for group in agents]))
+    payload_std, agent_std, payload_radius, agent_radius = jax.tree.map(lambda *parts: np.concatenate(parts), *blocks)
+    agent_label_bias = tuple(
+        _agent_label_bias(group, biases, t, inputs) for group, inputs in zip(team.agent_groups, agents, strict=True)
     )
     return PredictionUncertainty(
         t=t,
@@ -162,19 +168,32 @@ def evaluate_along(
     )
 
 
-def _evaluate_block(
-    team: Team,
-    biases: LabelBiasModel,
-    interval: ModelInterval,
-    t: np.ndarray,
-    x: np.ndarray,
-    agents: Sequence[np.ndarray],
-) -> tuple[Any, ...]:
-    """Evaluate at most `BATCH_STATES` states; return the fields of the result without the payload's label bias."""
+def _has_samples(model: residual_model.ResidualModel) -> bool:
+    """Return whether the GP of any body has samples."""
+    return any(np.any(np.asarray(each.num_points) > 0) for each in (model.payload, *model.agents))
+
+
+def _pad(inputs: np.ndarray) -> Array:
+    """Return the inputs with zeros up to `BATCH_STATES` states."""
+    return jnp.asarray(np.pad(inputs, ((0, BATCH_STATES - len(inputs)), *[(0, 0)] * (inputs.ndim - 1))))
+
+
+def _agent_label_bias(
+    group: AerialManipulator, biases: LabelBiasModel, t: np.ndarray, x: np.ndarray
+) -> Float[np.ndarray, "time agents outputs"]:
+    """Return the standard deviation of the label bias of the agents of a group at a series of inputs."""
+    blocks = []
+    for start in range(0, len(x), BATCH_STATES):
+        rows = slice(start, min(start + BATCH_STATES, len(x)))
+        values = (np.asarray(each)[: rows.stop - start] for each in _arm_levers(group, _pad(x[rows])))
+        blocks.append(agent_label_bias_std(biases, t[rows], *values))
+    return np.concatenate(blocks)
+
+
+def _evaluate_block(interval: ModelInterval, x: np.ndarray, agents: Sequence[np.ndarray]) -> tuple[Any, ...]:
+    """Evaluate standard deviations and error bounds of at most `BATCH_STATES` states."""
     n, model, bands = len(x), interval.model, interval.bands
-    padded, *padded_agents = (
-        jnp.asarray(np.pad(inputs, ((0, BATCH_STATES - n), *[(0, 0)] * (inputs.ndim - 1)))) for inputs in (x, *agents)
-    )
+    padded, *padded_agents = (_pad(inputs) for inputs in (x, *agents))
     features = [model.features.agent(inputs) for inputs in padded_agents]
     payload = np.asarray(residual_model.payload_std(model, padded))
     agent_std = [
@@ -198,10 +217,6 @@ def _evaluate_block(
     return (
         payload[:n],
         tuple(std[:n] for std in agent_std),
-        tuple(
-            agent_label_bias_std(biases, t, *(np.asarray(values)[:n] for values in _arm_levers(group, inputs)))
-            for group, inputs in zip(team.agent_groups, padded_agents, strict=True)
-        ),
         np.asarray(confidence_bounds.payload_radius(model, bands, padded))[:n],
         tuple(np.asarray(confidence_bounds.agent_radius(*group))[:n] for group in groups),
     )

@@ -27,7 +27,7 @@ from colift.scenario.schema.shared import (
     RampTime,
     Sinusoid,
 )
-from colift.trajectories.pose_spline import ATTITUDE_COLUMNS, POSITION_COLUMNS
+from colift.trajectories.knots import ATTITUDE_COLUMNS, POSITION_COLUMNS
 
 
 class PathDeparture(AttitudeOscillation, Ramp):

@@ -1,0 +1,78 @@
+"""Specifications of campaigns: messages with file, line, key, value and allowed values."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from colift.campaigns import spec
+from colift.scenario import ScenarioError
+
+MISTAKES = {
+    "scenario: papr": (1, "scenario", "'papr'", "did you mean 'paper'?"),
+    "scenario: paper\ncases: [C9]": (2, "cases", "must be one of C1, C2", "'C9'"),
+    "scenario: paper\nsamples: 0": (2, "samples", "at least 1", "got 0"),
+    "scenario: paper\ncolour: 3": (2, "colour", "known: scenario, cases", ""),
+    "scenario: paper\nseeds: []": (2, "seeds", "at least 1", "got 0 values"),
+    "scenario: paper\nvary: {payload.mass_kg: {kind: unifrm, low: 1, high: 2}}": (
+        2,
+        "vary payload.mass_kg",
+        "uniform",
+        "",
+    ),
+    "scenario: paper\nvary: {payload.mass_kg: {kind: uniform, low: 2, high: 1}}": (
+        2,
+        "high must exceed low",
+        "2 and 1",
+        "",
+    ),
+    "scenario: paper\nvary:\n  payload.mass_kg: [1.0, -2]": (3, "vary payload.mass_kg [kg]", "from 1e-6", "got -2"),
+    "scenario: paper\nvary: {payload.mas_kg: [1.0]}": (2, "vary payload.mas_kg", "did you mean 'mass_kg'?", ""),
+    "scenario: paper\nvary: {learning.end_s: [25]}": (2, "vary learning.end_s", "must not exceed duration_s = 20", ""),
+    "scenario: paper\nvary: {seed: [1, 2]}": (2, "vary seed", "`seeds`", ""),
+    "scenario: paper\noverrides: {payload.mass_kg: heavy}": (2, "overrides payload.mass_kg [kg]", "number", "'heavy'"),
+    "scenario: paper\noverrides: {agents.middle.type: x}": (2, "overrides agents.middle.type", "'front', 'rear'", ""),
+    "scenario: paper\nuntil: {metric: e_p, half_width: 1}": (2, "until.metric", "e_p_rms_m", "got 'e_p'"),
+    "scenario: paper\nsampling: saltelli\nvary: {control.K_p: [4, 5]}": (2, "sampling", "no grid", ""),
+    "scenario: paper\n- 3": (2, "not valid YAML", "", ""),
+}
+
+
+@pytest.mark.parametrize("text", MISTAKES)
+def test_error_states_line_key_value_and_allowed(text: str, tmp_path: Path):
+    path = tmp_path / "campaign.yaml"
+    path.write_text(text)
+    line, *parts = MISTAKES[text]
+    with pytest.raises(ScenarioError) as caught:
+        spec.load_campaign(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}:{line}:")
+    assert "\n" not in message
+    assert all(part in message for part in parts), message
+
+
+def test_all_errors_of_a_file_are_listed(tmp_path: Path):
+    path = tmp_path / "campaign.yaml"
+    path.write_text("scenario: paper\noverrides: {payload.mass_kg: -1, payload.mas_kg: 3}\n")
+    with pytest.raises(ScenarioError) as caught:
+        spec.load_campaign(path)
+    assert str(caught.value).count("\n") == 1
+
+
+def test_missing_and_special_files_are_refused(tmp_path: Path):
+    for path in (tmp_path / "none.yaml", tmp_path):
+        with pytest.raises(ScenarioError, match=f"^{path}: cannot be read"):
+            spec.load_campaign(path)
+
+
+def test_overrides_reach_the_scenario(tmp_path: Path):
+    path = tmp_path / "campaign.yaml"
+    path.write_text("scenario: paper\noverrides: {payload.mass_kg: 2.5, sensors.position_m: 0.001}\n")
+    found = spec.load_campaign(path)
+    assert found.scenario.payload.mass_kg == 2.5
+    assert found.scenario.sensors.position_m == 0.001
+    changed = spec.with_settings(found.settings_json, found.file, (("disturbances.stream.std_m", 0.5), ("seed", 7)))
+    assert changed.payload.mass_kg == 2.5
+    assert changed.disturbances[2].std_m == 0.5
+    assert changed.seed == 7
