@@ -20,7 +20,7 @@ from colift.math.pytree import pytree, static
 from colift.models import grasp
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import ControlClock, Wrench
+from colift.models.state import ControlClock
 from colift.onboard import interfaces
 from colift.onboard.control import allocation, tracking
 from colift.simulation import sensors
@@ -51,15 +51,21 @@ class WeightedAllocator:
 
     right_inverse: Float[Array, "rows 6"]
 
-    def allocate(self, context: interfaces.ControlContext, W: Wrench, W_dot: Wrench) -> interfaces.ContactForceCommand:
+    def init(self) -> Any:
+        return ()
+
+    def allocate(
+        self, state: Any, context: interfaces.ControlContext, demand: interfaces.AllocationDemand
+    ) -> tuple[interfaces.ContactForceCommand, Any]:
         rows, no_eta = len(self.right_inverse), jnp.zeros(0)
         weighted = allocation.AllocationMap(
             right_inverse=self.right_inverse, nullspace=jnp.zeros((rows, 0)), offset=jnp.zeros(rows)
         )
         lam, lam_dot = (
-            allocation.allocate(weighted, context.estimate.payload.R, wrench, no_eta) for wrench in (W, W_dot)
+            allocation.allocate(weighted, context.estimate.payload.R, wrench, no_eta)
+            for wrench in (demand.W, demand.W_dot)
         )
-        return interfaces.ContactForceCommand(lam=lam, lam_dot=lam_dot, eta=no_eta)
+        return interfaces.ContactForceCommand(lam=lam, lam_dot=lam_dot, eta=no_eta), state
 
 
 def weighted_allocator(team: Team, weights: np.ndarray) -> WeightedAllocator:

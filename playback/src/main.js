@@ -235,6 +235,7 @@ function status() {
   for (const [name, spans] of Object.entries(marks.at_limit)) {
     if (within(state.t, spans)) words.push(`${name} at thrust limit`);
   }
+  for (const { text, span } of marks.faults) if (within(state.t, [span])) words.push(`fault: ${text}`);
   return words.join(", ");
 }
 

@@ -28,9 +28,8 @@ def respond(controlled: controller.LeaderFollowerController, z: State) -> tuple[
     """Return the attitude setpoints and the payload acceleration of a team at rest for `alpha_z = 1 rad/s^2`."""
     nominal, agents = controlled.team, controlled.agent_controller
     none, now = zero_residual(nominal), controller.context_at(controlled, z, jnp.zeros(6), jnp.zeros(()))
-    W = tracking.desired_wrench(nominal.payload, nominal.gravity, z.payload, YAW, none.payload)
-    rate = tracking.desired_wrench_rate(nominal.payload, z.payload, YAW)
-    forces = controlled.allocator.allocate(now, W, rate)
+    demand = controller.tracking_demand(nominal, z.payload, YAW, none)
+    forces, _ = controlled.allocator.allocate((), now, demand)
     shares = tuple(
         setpoints.AgentSetpoint(lam=lam, lam_dot=0 * lam, yaw=yaw, nominal_posture=posture)
         for lam, yaw, posture in zip(
@@ -38,7 +37,7 @@ def respond(controlled: controller.LeaderFollowerController, z: State) -> tuple[
         )
     )
     desired = agents.attitude_setpoints(now, YAW, shares, none)
-    inputs, _ = agents.compute(now, YAW, forces, none)
+    (inputs, _), _ = agents.compute((), now, YAW, forces, none)
     acceleration, _ = contact_dynamics.forward_dynamics(nominal, z, inputs, none)
     return tuple(each.R for each in desired), acceleration.payload
 

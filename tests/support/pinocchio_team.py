@@ -20,7 +20,8 @@ from colift.models.state import AgentInput, ResidualForces, State
 
 def take(group: object, j: int) -> SimpleNamespace:
     """Return the fields of agent j of a group as NumPy arrays."""
-    fields = {field.name: getattr(group, field.name) for field in dataclasses.fields(group)}
+    given = {field.name: getattr(group, field.name) for field in dataclasses.fields(group)}
+    fields = {name: x for name, x in given.items() if x is not None}
     return SimpleNamespace(**{k: x if isinstance(x, KinematicTree) else np.asarray(x)[j] for k, x in fields.items()})
 
 

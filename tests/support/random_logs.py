@@ -84,7 +84,9 @@ def rows(rng: np.random.Generator, shape: Shape, **given: np.ndarray) -> StepRec
         for field in dataclasses.fields(StepRecord)
     }
     leaves["t"] = shape.period * np.arange(shape.time)
-    leaves["thrust_saturated"] = leaves["thrust_saturated"] > 1
+    for field in dataclasses.fields(StepRecord):
+        if str(StepRecord.__annotations__[field.name]).startswith("Bool"):
+            leaves[field.name] = leaves[field.name] > 1
     leaves["Psi"] = np.abs(leaves["Psi"])
     leaves["label_valid"] = (leaves["label_valid"] > 0).astype(float)
     for name in ("correction_weight_L", "correction_weight_x"):

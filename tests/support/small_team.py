@@ -6,8 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pydantic
+
 from colift import scenario
-from colift.scenario import Scenario
+from colift.scenario import Scenario, schema
 
 SAMPLE = scenario.load_scenario(Path(__file__).parent / "sample_scenario.yaml")
 CONTACTS = ((0.4, 0.0, 0.03), (-0.2, 0.35, 0.03), (-0.2, -0.35, 0.03))
@@ -33,3 +35,8 @@ def write(path: Path, **changes: Any) -> Path:
     """Write the same scenario to a file as JSON, which is valid YAML."""
     path.write_text(json.dumps({"schema": 2} | settings(**changes).model_dump(mode="json", exclude_none=True)))
     return path
+
+
+def faults(*given: dict[str, Any]) -> tuple[schema.Fault, ...]:
+    """Return faults of that team as sections."""
+    return pydantic.TypeAdapter(tuple[schema.Fault, ...]).validate_python(given)

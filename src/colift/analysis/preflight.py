@@ -24,6 +24,7 @@ from colift.analysis import (
     reference_checks,
     reference_loads,
     remedies,
+    thrust_loss,
 )
 from colift.analysis.findings import Finding, Level, PreflightReport, failure
 from colift.closed_loop import flight
@@ -157,6 +158,7 @@ def _check_built(
     z = initial_states.equilibrium_state(settings, truth)
     found.add([_thrust(settings, case_experiment, z, thrust_margin)])
     for findings in (
+        thrust_loss.check_losses(settings, truth, z),
         _reference(settings, truth),
         _joints(settings, truth, z),
         _limits(settings, z),

@@ -19,7 +19,8 @@ from colift.math.linalg import matmul, transpose
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import PayloadState, State, Wrench
-from colift.onboard import controller
+from colift.onboard import controller, interfaces
+from colift.onboard.control import tracking
 from colift.simulation import disturbances
 from colift.trajectories.base import PayloadSetpoint
 
@@ -73,11 +74,15 @@ def _along(
     d, moved, accelerations = _on_reference(team, onboard_controller, state, t)
     f = disturbances.initial_forces(sources, team, moved)
     angular_rate = payload.inertia @ d.omega_dot + so3.cross(d.omega, payload.inertia @ d.omega)
-    W = Wrench(F=payload.mass * (d.a - g) - f.payload.F, tau=angular_rate - f.payload.tau)
-    steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    lam = onboard_controller.allocator.allocate(
-        controller.context_at(onboard_controller, moved, jnp.zeros(6), t), W, steady
-    ).lam
+    demand = interfaces.AllocationDemand(
+        acceleration_cmd=tracking.AccelerationCommand(a=d.a, alpha=d.omega_dot, jerk=jnp.zeros(3)),
+        f_hat=f,
+        W=Wrench(F=payload.mass * (d.a - g) - f.payload.F, tau=angular_rate - f.payload.tau),
+        W_dot=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
+    )
+    context = controller.context_at(onboard_controller, moved, jnp.zeros(6), t)
+    allocator = onboard_controller.allocator
+    lam = allocator.allocate(allocator.init(), context, demand)[0].lam
     parts = zip(team.agent_groups, grasp.split_contacts(team, lam), accelerations, f.agents, strict=True)
     required = [
         force.sum(1) + group.mass.sum(1, keepdims=True) * (a - g[None]) - f_j.f_x for group, force, a, f_j in parts

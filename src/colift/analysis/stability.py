@@ -28,6 +28,7 @@ from colift.closed_loop import flight, simulator
 from colift.math import so3
 from colift.math.linalg import matmul
 from colift.models.state import State
+from colift.onboard.control.constrained_allocation import ConstrainedAllocator
 from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
 from colift.simulation import sensors
@@ -48,6 +49,7 @@ LEARNING_STATES = (
     r"|\.(estimator|corrector)\.time_since_label$|\.initialized$|\.controller\.last_f_hat\b"
     r"|\.estimator\.clocks\b"
 )
+WARM_STARTS = r"\.allocator\.(projected|multipliers)$"  # without influence on a solution to rounding accuracy
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
     r"\.corrector\.(P\[|P_label|noise\[[1-3]\]|error_ms|rate_ms|label_noise)"
 )
@@ -363,8 +365,12 @@ def _undisturbed_loop(
     """Return configuration, state and noise of the loop without disturbances and limits, with the clock at zero.
 
     The state is taken after one tick and as many further ticks as the largest sensor delay. Kalman filters of a
-    residual corrector have their steady-state covariances: those of the least label noise, as sensors are exact.
+    residual corrector have their steady-state covariances: those of the least label noise, as sensors are exact. An
+    allocator with limits iterates to rounding accuracy.
     """
+    if isinstance(allocator := getattr(experiment.controller, "allocator", None), ConstrainedAllocator):
+        exact = dataclasses.replace(experiment.controller, allocator=allocator.converged())
+        experiment = dataclasses.replace(experiment, controller=exact)
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
     start = simulator.reset(experiment.loop_config, state)
@@ -563,7 +569,7 @@ def _residual(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Wor
 
 
 def _without_disturbances(world: SimulatedWorld) -> SimulatedWorld:
-    """Return the world without disturbances and with ideal sensors sampled at every tick."""
+    """Return the world without disturbances and faults, and with ideal sensors sampled at every tick."""
     zero_noise = jax.tree.map(jnp.zeros_like, world.sensors)
     return dataclasses.replace(
         world,
@@ -571,6 +577,7 @@ def _without_disturbances(world: SimulatedWorld) -> SimulatedWorld:
         sensors=dataclasses.replace(zero_noise, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
         tip_force_bias=jax.tree.map(jnp.zeros_like, world.tip_force_bias),
         sensor_models=tuple(map(_ideal_sensor, world.sensor_models)),
+        faults=None,
     )
 
 
@@ -582,6 +589,8 @@ def _ideal_sensor(sensor: sensors.SensorModel) -> sensors.SensorModel:
             return dataclasses.replace(
                 sensor, sample_period=zero, dropout_probability=zero, failure_time=jnp.full((), jnp.inf)
             )
+        case sensors.StuckReading():
+            return dataclasses.replace(sensor, start=jnp.full((), jnp.inf))
         case sensors.BiasRandomWalk():
             return dataclasses.replace(sensor, random_walk_density=zero, initial_bias_std=zero)
         case _:
@@ -632,6 +641,7 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
 
     Recorded data are excluded, with the label filters of training samples. Labels are excluded without a residual
     corrector. The residuals compensated in the last period act only without tip readings; sensors are exact here.
+    Warm starts of an allocation within limits are excluded: its multipliers need not be unique, so they may persist.
 
     Args:
         loop: Loop state.
@@ -640,7 +650,7 @@ def _select_states(loop: simulator.LoopState) -> LoopStateTree:
         The floating-point leaves by path.
     """
     unused = LABELS if getattr(loop.controller, "corrector", None) is None else LABEL_FILTERS
-    excluded = "|".join((LEARNING_STATES, SENSORS, SECOND_ORDER_STATES, unused))
+    excluded = "|".join((LEARNING_STATES, SENSORS, WARM_STARTS, SECOND_ORDER_STATES, unused))
     return {
         key: leaf
         for key, leaf in _leaves(loop)

@@ -88,6 +88,7 @@ def check_supported(experiment: Experiment) -> None:
         "plant": (getattr(world, "plant", None), (contact_dynamics.RigidContactPlant,)),
         "actuators": (getattr(world, "actuators", None), (actuators.IdealActuators,)),
         "mass step": (getattr(world, "mass_step", None), (type(None),)),
+        "faults": (getattr(world, "faults", None), (type(None),)),
         **{
             f"sensor {k}": (one, (sensors.CalibrationRig,)) for k, one in enumerate(getattr(world, "sensor_models", ()))
         },

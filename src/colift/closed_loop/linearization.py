@@ -170,17 +170,17 @@ def _jacobians(onboard_controller: controller.LeaderFollowerController, state: S
     zero, unravel = ravel_pytree(contact_dynamics.zero_tangent(state))
     f, zero_acceleration, t = flatten(zero_residual(team)), jnp.zeros(6), jnp.zeros(())
     d = onboard_controller.reference.evaluate(t)
-    part_states = onboard_controller.payload_controller.init(), onboard_controller.residual_predictor.init(team)
+    part_states = onboard_controller.init_control_law()
 
     def loop(y: jax.Array) -> jax.Array:
         shift, a, f = jnp.split(y, [len(zero), len(zero) + 6])
         tangent = unravel(shift)
         displaced = contact_dynamics.retract(state, tangent)
         context = controller.context_at(onboard_controller, displaced, a, t)
-        inputs, _, telemetry = onboard_controller.control_law(*part_states, context)
+        inputs, _, telemetry = onboard_controller.control_law(part_states, context)
         acceleration, lam = contact_dynamics.forward_dynamics(team, displaced, inputs, unflatten(team, f))
         q, a_L = displaced.payload, acceleration.payload
-        acceleration_cmd, _ = onboard_controller.payload_controller.compute(part_states[0], context)
+        acceleration_cmd, _ = onboard_controller.payload_controller.compute(part_states.payload_controller, context)
         W = grasp.payload_wrench(grasp.contact_points(team), q.R, grasp.stack_contacts(lam))
         errors = [q.p - d.p, q.v - d.v, so3.e_R(q.R, d.R), so3.e_omega(q.R, q.omega, d.R, d.omega)]
         deviations = [

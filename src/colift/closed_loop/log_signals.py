@@ -125,10 +125,23 @@ SIGNALS = {
     ),
     "label_valid": SignalSpec((), "1", "none", "1 in periods with recent tip force readings, otherwise 0"),
     "correction_nis": SignalSpec((), "1", "none", "normalized innovation squared of the correction, mean of outputs"),
+    "slack_roll_pitch": SignalSpec((), "N", "none", "roll and pitch moment not achieved, divided by its lever"),
+    "slack_z": SignalSpec((), "N", "none", "vertical force on the team that is not achieved"),
+    "slack_xy": SignalSpec((), "N", "none", "horizontal force on the team that is not achieved"),
+    "slack_yaw": SignalSpec((), "N", "none", "yaw moment not achieved, divided by its lever"),
+    "allocation_primal": SignalSpec((), "N", "none", "primal residual of the allocation"),
+    "allocation_dual": SignalSpec((), "N", "none", "dual residual of the allocation"),
+    "tilt_limited": SignalSpec(AGENT, "1", "none", "1 if the allocated thrust is at the tilt limit, otherwise 0"),
+    "thrust_limited": SignalSpec(AGENT, "1", "none", "1 if the allocated thrust is at a limit, otherwise 0"),
+    "friction_limited": SignalSpec(
+        ("contact",), "1", "none", "1 if the allocated force is at the friction cone, otherwise 0"
+    ),
+    "force_limited": SignalSpec(("contact",), "1", "none", "1 if the allocated force is at a limit, otherwise 0"),
 }
 """Variables on the axis `time`: the signals of `StepRecord`, quaternions and base positions.
 
-Variables from `correction_L_force` on exist for controllers with a residual corrector. Quaternions are continuous in
+Variables from `correction_L_force` to `correction_nis` exist for controllers with a residual corrector, those after
+them for allocators with limits. Quaternions are continuous in
 time: their sign does not change between two ticks.
 """
 

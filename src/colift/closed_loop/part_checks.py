@@ -47,11 +47,14 @@ STATE_ARGUMENT = {
     ("estimator", "update"): 1,
     ("residual_corrector", "update"): 0,
     ("payload_controller", "compute"): 0,
+    ("allocator", "allocate"): 0,
+    ("agent_controller", "compute"): 0,
     ("actuator_compensator", "command"): 1,
 }
 """Position of the state among the arguments of the methods that return a result and the next state."""
-OPTIONAL_ENTRIES = ("eta", "sample")
-"""Entries of a result that are not compared: internal-force coordinates of any number, and the training sample."""
+OPTIONAL_ENTRIES = ("eta", "sample", "acceleration", "report")
+"""Entries of a result that are not compared: internal-force coordinates of any number, the training sample, and the
+achieved acceleration and the report of an allocator with limits."""
 OPTIONAL_ARRAYS = ("alpha_dot", "omega_ddot")
 """Fields of a result that may be None: higher derivatives, which the control law then neglects."""
 LIBRARIES = str(Path(__file__).parents[1]), str(Path(jax.__file__).parent), "<"

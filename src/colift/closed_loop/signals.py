@@ -29,8 +29,8 @@ class StepRecord:
     """Logged signals of one tick; agents, joints and contacts of all groups are concatenated.
 
     `colift.closed_loop.log_signals` defines unit, frame and meaning of each field. A wrench, and the payload
-    acceleration `a_L`, are one field of six numbers; the log splits them. The last twelve fields are None unless
-    the controller has a residual corrector.
+    acceleration `a_L`, are one field of six numbers; the log splits them. Fields that only some controllers provide are
+    None otherwise.
     """
 
     t: Float[Array, "*time"]  # s, time of the tick
@@ -88,6 +88,17 @@ class StepRecord:
     correction_nis: Float[Array, "*time"] | None = (
         None  # normalized innovation squared, mean of the outputs with a label
     )
+    # Only for allocators with limits
+    slack_roll_pitch: Float[Array, "*time"] | None = None  # N, moment over its lever
+    slack_z: Float[Array, "*time"] | None = None  # N
+    slack_xy: Float[Array, "*time"] | None = None  # N
+    slack_yaw: Float[Array, "*time"] | None = None  # N, moment over its lever
+    allocation_primal: Float[Array, "*time"] | None = None  # N, primal residual of the allocation
+    allocation_dual: Float[Array, "*time"] | None = None  # N, dual residual of the allocation
+    tilt_limited: Bool[Array, "*time agents"] | None = None  # True if the thrust direction is at its limit
+    thrust_limited: Bool[Array, "*time agents"] | None = None  # True if the allocated thrust is at its limit
+    friction_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at the friction cone
+    force_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at its limit
 
 
 def true_residual(
@@ -140,7 +151,7 @@ def make_record(
     """Assemble the record of one tick.
 
     Args:
-        team: True parameters.
+        team: True parameters; those of the ground truth apply if it has some.
         nominal: Nominal parameters of the controller.
         t: Time of the tick [s].
         truth: True quantities at the start of the tick.
@@ -149,6 +160,7 @@ def make_record(
     Returns:
         The record.
     """
+    team = team if truth.team is None else truth.team
     z, a, inputs = truth.state, truth.acceleration, truth.inputs
     q, d = z.payload, telemetry.setpoint
     force = grasp.stack_contacts(truth.lam)
@@ -201,7 +213,19 @@ def make_record(
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
         min_delassus_singular_value=grasp.min_delassus_singular_value(team, z),
         **({} if (correction := telemetry.correction) is None else _correction_signals(correction)),
+        **({} if (allocation := telemetry.allocation) is None else _allocation_signals(allocation)),
     )
+
+
+def _allocation_signals(report: interfaces.AllocationReport) -> dict[str, Array]:
+    """Return the record fields of an allocation with limits."""
+    levels = ("slack_roll_pitch", "slack_z", "slack_xy", "slack_yaw", "allocation_primal", "allocation_dual")
+    return dict(zip(levels, (*report.slack, *report.residuals), strict=True)) | {
+        "tilt_limited": report.tilt,
+        "thrust_limited": report.thrust,
+        "friction_limited": report.friction,
+        "force_limited": report.force,
+    }
 
 
 def _correction_signals(correction: residual_correction.ResidualCorrection) -> dict[str, Array]:

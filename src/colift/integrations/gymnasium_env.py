@@ -254,7 +254,10 @@ def step(
     )
     e_p = jnp.sqrt(squared_errors.sum() / jnp.maximum(simulated, 1).astype(squared_errors.dtype))
     return StepResult(
-        loop=next_loop, observation=next_loop.controller.payload_controller[0], reward=rewards.mean(), e_p=e_p
+        loop=next_loop,
+        observation=next_loop.controller.control_law.payload_controller[0],
+        reward=rewards.mean(),
+        e_p=e_p,
     )
 
 

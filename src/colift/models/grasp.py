@@ -239,11 +239,17 @@ def constraint_rate(team: Team, state: State) -> Contacts:
 
 
 def _all_contacts(contact_function: ContactFunction, team: Team, team_state: State) -> Contacts:
-    """Evaluate a function for every agent, rotate the results to the world frame and concatenate them."""
+    """Evaluate a function for every agent, rotate the results to the world frame and concatenate them.
+
+    The result is zero for contacts with a compliance, which are open.
+    """
 
     def one_agent(agent: AerialManipulator, state: AgentState) -> Float[Array, "arms 3"]:
         q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, state.r))
-        return matvec(state.R[None], contact_function(agent, q, state, team_state.payload))
+        error = contact_function(agent, q, state, team_state.payload)
+        if agent.contact_compliance is not None:
+            error = jnp.where(agent.contact_compliance[:, None] > 0, 0.0, error)
+        return matvec(state.R[None], error)
 
     return stack_contacts(
         tuple(

@@ -86,6 +86,7 @@ class AerialManipulator:
     tip_position: Float[Array, "*agents arms 3"]  # m, contact point in the frame of the tip body
     contact_position: Float[Array, "*agents arms 3"]  # m, attachment c_L in the payload frame
     thrust_max: Float[Array, "*agents"]  # N, maximum thrust
+    contact_compliance: Float[Array, "*agents arms"] | None = None  # 1/kg, added to `A M^-1 A^T`; None: closed contacts
 
 
 @pytree

@@ -38,6 +38,7 @@ from colift.onboard.estimation.state_estimator import StateEstimate
 from colift.onboard.interfaces import (
     ActuatorCompensator,
     AgentController,
+    AllocationDemand,
     Allocator,
     ContactForceCommand,
     ControlContext,
@@ -81,6 +82,45 @@ def context_at(controller: LeaderFollowerController, state: State, a_L: Float[Ar
     )
 
 
+def tracking_demand(
+    team: Team, payload: PayloadState, command: tracking.AccelerationCommand, f_hat: ResidualForces
+) -> AllocationDemand:
+    """Compute the demand on the allocator for a commanded acceleration and predicted residuals.
+
+    Args:
+        team: Nominal parameters.
+        payload: Estimated payload state.
+        command: Commanded payload acceleration.
+        f_hat: Predicted residuals of agents and payload.
+
+    Returns:
+        The demand, with the desired wrench (`tracking.desired_wrench`) and its rate.
+    """
+    return AllocationDemand(
+        acceleration_cmd=command,
+        f_hat=f_hat,
+        W=tracking.desired_wrench(team.payload, team.gravity, payload, command, f_hat.payload),
+        W_dot=tracking.desired_wrench_rate(team.payload, payload, command),
+    )
+
+
+@pytree
+class ControlLawState:
+    """States of the parts that the control law evaluates.
+
+    Attributes:
+        predictor: State of the residual predictor in this control period; the control law does not change it.
+        payload_controller: State of the payload controller.
+        allocator: State of the allocator.
+        agent_controller: State of the agent controller.
+    """
+
+    predictor: PartState
+    payload_controller: PartState
+    allocator: PartState
+    agent_controller: PartState
+
+
 @pytree
 class ControllerState:
     """State of the controller between two control periods.
@@ -88,40 +128,43 @@ class ControllerState:
     Attributes:
         estimator: State of the estimator.
         recorder: Data sets recorded so far.
-        predictor: State of the residual predictor.
-        payload_controller: State of the payload controller.
+        control_law: States of predictor, payload controller, allocator and agent controller.
         last_command: Commands of the previous control period, after the thrust limit.
         actuator: State of the actuator compensator.
         corrector: State of the residual corrector; None without a corrector.
         last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
         last_f_hat: Residual forces compensated in the previous control period.
+        last_shortfall: Achieved minus commanded payload acceleration of the previous control period [m/s^2 world,
+            rad/s^2 payload frame]; None if the allocator has no limits.
         initialized: 0 before the first control period, 1 afterwards.
     """
 
     estimator: PartState
     recorder: RecorderState
-    predictor: PartState
-    payload_controller: PartState
+    control_law: ControlLawState
     last_command: TeamInputs
     actuator: PartState
     corrector: PartState
     last_wrench: Wrench
     last_f_hat: ResidualForces
+    last_shortfall: Float[Array, "6"] | None
     initialized: Scalar
 
 
 @pytree
 class ControlDemand:
-    """Demand of the payload controller on the team.
+    """Demand of the payload controller on the team, as far as the allocator achieves it.
 
     Attributes:
-        acceleration_cmd: Commanded payload acceleration.
+        acceleration_cmd: Achieved payload acceleration; the commanded one for an allocator without limits.
+        shortfall: Achieved minus commanded acceleration [m/s^2 world, rad/s^2 payload frame]; None without limits.
         f_hat: Predicted residuals.
-        W: Desired payload wrench [N world, N m payload frame].
+        W: Desired payload wrench for the achieved acceleration [N world, N m payload frame].
         forces: Commanded contact forces.
     """
 
     acceleration_cmd: tracking.AccelerationCommand
+    shortfall: Float[Array, "6"] | None
     f_hat: ResidualForces
     W: Wrench
     forces: ContactForceCommand
@@ -187,13 +230,13 @@ class LeaderFollowerController:
         state = ControllerState(
             estimator=self.estimator.init(self.team, measurement),
             recorder=self.recorder.init(self.team, self.residual_model),
-            predictor=self.residual_predictor.init(self.team),
-            payload_controller=self.payload_controller.init(),
+            control_law=self.init_control_law(),
             last_command=zero,
             actuator=self.actuator_compensator.init(zero),
             corrector=None if self.residual_corrector is None else self.residual_corrector.init(self.team),
             last_wrench=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
             last_f_hat=zero_residual(self.team),
+            last_shortfall=None,
             initialized=jnp.zeros(()),
         )
         estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
@@ -209,8 +252,22 @@ class LeaderFollowerController:
             if self.residual_corrector is None
             else residual_correction.zero_correction(zero_residual(self.team), clock.t),
         )
-        hover, _, _ = self.control_law(state.payload_controller, state.predictor, context)
-        return hover, dataclasses.replace(state, last_command=hover, actuator=self.actuator_compensator.init(hover))
+        hover, _, telemetry = self.control_law(state.control_law, context)
+        return hover, dataclasses.replace(
+            state,
+            last_command=hover,
+            actuator=self.actuator_compensator.init(hover),
+            last_shortfall=None if telemetry.shortfall is None else jnp.zeros(6),
+        )
+
+    def init_control_law(self) -> ControlLawState:
+        """Return the states of the parts of the control law before the first control period."""
+        return ControlLawState(
+            predictor=self.residual_predictor.init(self.team),
+            payload_controller=self.payload_controller.init(),
+            allocator=self.allocator.init(),
+            agent_controller=self.agent_controller.init(),
+        )
 
     def step(
         self, state: ControllerState, measurement: Measurement, clock: ControlClock
@@ -238,47 +295,51 @@ class LeaderFollowerController:
             setpoint=setpoint,
             last_wrench=state.last_wrench,
             initialized=state.initialized,
+            last_shortfall=state.last_shortfall,
         )
         corrector = state.corrector
         if self.residual_corrector is not None:
             observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
             correction, corrector = self.residual_corrector.update(corrector, observation, clock)
             context = dataclasses.replace(context, correction=correction)
-        predictor = self.residual_predictor.update(state.predictor, self.residual_model, context)
-        requested, payload_controller, telemetry = self.control_law(state.payload_controller, predictor, context)
+        predictor = self.residual_predictor.update(state.control_law.predictor, self.residual_model, context)
+        requested, control_law, telemetry = self.control_law(
+            dataclasses.replace(state.control_law, predictor=predictor), context
+        )
         command, actuator = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
         state = ControllerState(
             estimator=estimator_state,
             recorder=self.recorder.record(state.recorder, measurement, estimate.sample, clock.t),
             corrector=corrector,
-            predictor=predictor,
-            payload_controller=payload_controller,
+            control_law=control_law,
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
             last_f_hat=telemetry.f_hat,
+            last_shortfall=telemetry.shortfall,
             initialized=jnp.ones(()),
         )
         return command, state, telemetry
 
     def control_law(
-        self, payload_controller: PartState, predictor: PartState, context: ControlContext
-    ) -> tuple[TeamInputs, PartState, Telemetry]:
+        self, state: ControlLawState, context: ControlContext
+    ) -> tuple[TeamInputs, ControlLawState, Telemetry]:
         """Evaluate the control law in a given context, without actuator compensation.
 
         Args:
-            payload_controller: State of the payload controller.
-            predictor: State of the residual predictor in this control period.
+            state: States of the parts of the control law; that of the predictor in this control period.
             context: Inputs of this control period; its preview is computed here.
 
         Returns:
-            The requested inputs of the agents, the next state of the payload controller, and intermediate results.
+            The requested inputs of the agents, the next states of the parts, and intermediate results.
         """
-        demand, next_state = self._demand(payload_controller, predictor, context)
+        demand, next_state = self._demand(state, context)
         if self.preview_step is not None:
-            team_preview = self._preview(payload_controller, predictor, context, self.preview_step)
+            team_preview = self._preview(state, context, self.preview_step)
             context = dataclasses.replace(context, preview=team_preview)
-        inputs, saturated = self.agent_controller.compute(context, demand.acceleration_cmd, demand.forces, demand.f_hat)
+        (inputs, saturated), agent_controller = self.agent_controller.compute(
+            state.agent_controller, context, demand.acceleration_cmd, demand.forces, demand.f_hat
+        )
         telemetry = Telemetry(
             estimate=context.estimate,
             setpoint=context.setpoint,
@@ -288,24 +349,30 @@ class LeaderFollowerController:
             eta=demand.forces.eta,
             saturated=saturated,
             correction=context.correction,
+            allocation=demand.forces.report,
+            shortfall=demand.shortfall,
         )
-        return inputs, next_state, telemetry
+        return inputs, dataclasses.replace(next_state, agent_controller=agent_controller), telemetry
 
-    def _demand(
-        self, payload_controller: PartState, predictor: PartState, context: ControlContext
-    ) -> tuple[ControlDemand, PartState]:
+    def _demand(self, state: ControlLawState, context: ControlContext) -> tuple[ControlDemand, ControlLawState]:
         """Evaluate payload controller, prediction, desired wrench and allocation."""
-        command, payload_controller = self.payload_controller.compute(payload_controller, context)
-        f_hat = self.residual_predictor.predict(predictor, self.residual_model, context, command)
-        payload = self.team.payload
-        W = tracking.desired_wrench(payload, self.team.gravity, context.estimate.payload, command, f_hat.payload)
-        W_dot = tracking.desired_wrench_rate(payload, context.estimate.payload, command)
-        forces = self.allocator.allocate(context, W, W_dot)
-        return ControlDemand(acceleration_cmd=command, f_hat=f_hat, W=W, forces=forces), payload_controller
+        command, payload_controller = self.payload_controller.compute(state.payload_controller, context)
+        f_hat = self.residual_predictor.predict(state.predictor, self.residual_model, context, command)
+        demand = tracking_demand(self.team, context.estimate.payload, command, f_hat)
+        forces, allocator = self.allocator.allocate(state.allocator, context, demand)
+        next_state = dataclasses.replace(state, payload_controller=payload_controller, allocator=allocator)
+        if (achieved := forces.acceleration) is None:
+            return ControlDemand(
+                acceleration_cmd=command, shortfall=None, f_hat=f_hat, W=demand.W, forces=forces
+            ), next_state
+        payload, gravity = self.team.payload, self.team.gravity
+        W = tracking.desired_wrench(payload, gravity, context.estimate.payload, achieved, f_hat.payload)
+        shortfall = jnp.concatenate([achieved.a - command.a, achieved.alpha - command.alpha])
+        return ControlDemand(
+            acceleration_cmd=achieved, shortfall=shortfall, f_hat=f_hat, W=W, forces=forces
+        ), next_state
 
-    def _preview(
-        self, payload_controller: PartState, predictor: PartState, context: ControlContext, step: Scalar
-    ) -> TeamPreview:
+    def _preview(self, state: ControlLawState, context: ControlContext, step: Scalar) -> TeamPreview:
         """Evaluate the control law on the reference at times around the current one.
 
         The payload is on the reference. Agents move with it and continue to rotate at their current angular velocity.
@@ -328,8 +395,8 @@ class LeaderFollowerController:
                 jnp.concatenate([d.a, d.omega_dot]),
             )
             estimate = dataclasses.replace(context.estimate, payload=payload, agents=agents, a_L=a_L)
-            previewed = dataclasses.replace(context, clock=clock, setpoint=d, estimate=estimate)
-            return payload, self._demand(payload_controller, predictor, previewed)[0]
+            previewed = dataclasses.replace(context, clock=clock, setpoint=d, estimate=estimate, is_preview=True)
+            return payload, self._demand(state, previewed)[0]
 
         payload, demand = jax.vmap(evaluate)(step * jnp.asarray(preview.PREVIEW_NODES))
         return TeamPreview(

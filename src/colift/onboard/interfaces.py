@@ -14,7 +14,7 @@ One control period of ``LeaderFollowerController``, in the order of the calls:
 6   ``PayloadController.compute``                    commanded payload acceleration
 7   ``ResidualPredictor.predict``                    predicted residuals ``f_hat``
 8   ``tracking.desired_wrench``                      desired payload wrench ``W``
-9   ``Allocator.allocate``                           commanded contact forces ``lam`` with ``G lam = W``
+9   ``Allocator.allocate``                           contact forces ``lam``, the acceleration that they achieve
 10  ``AgentController.compute``                      requested thrust, body torque and joint torques
 11  ``ActuatorCompensator.command``                  commands sent to the vehicles
 12  ``DataRecorder.record``                          data sets of the next model update
@@ -66,7 +66,7 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 from jaxtyping import Array, Bool, Float
 
-from colift.math.pytree import pytree
+from colift.math.pytree import pytree, static
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, PayloadState, ResidualForces, TeamInputs, Wrench
@@ -108,6 +108,9 @@ class ControlContext:
         preview: Control law evaluated on the reference at times around ``clock.t``. Set for ``AgentController.compute``
             if the controller has a ``preview_step``; None otherwise.
         correction: Estimated error of the residual model [N, N m]. None without a ``residual_corrector``.
+        last_shortfall: Achieved minus commanded payload acceleration of the previous period [m/s^2 world, rad/s^2
+            payload frame], for anti-windup. None if the allocator has no limits.
+        is_preview: True in evaluations for the preview, where an allocator may neglect limits to save time.
     """
 
     team: Team
@@ -119,6 +122,8 @@ class ControlContext:
     initialized: Scalar
     preview: TeamPreview | None = None
     correction: residual_correction.ResidualCorrection | None = None
+    last_shortfall: Float[Array, "6"] | None = None
+    is_preview: bool = static(default=False)
 
 
 @pytree
@@ -143,6 +148,47 @@ class TeamPreview:
 
 
 @pytree
+class AllocationDemand:
+    """Demand on the team that an allocator distributes to the contacts.
+
+    Attributes:
+        acceleration_cmd: Commanded payload acceleration.
+        f_hat: Predicted residuals of agents and payload.
+        W: Desired payload wrench for both: force [N, world] and moment [N m, payload frame].
+        W_dot: Its rate [N/s, N m/s], same frames.
+    """
+
+    acceleration_cmd: tracking.AccelerationCommand
+    f_hat: ResidualForces
+    W: Wrench
+    W_dot: Wrench
+
+
+@pytree
+class AllocationReport:
+    """Limits that act in one allocation, and the accuracy of its solution.
+
+    The slack is the part of the commanded acceleration that is not achieved, as a force: force on the team's mass, or
+    moment on the team's inertia divided by the lever of the contacts.
+
+    Attributes:
+        slack: Slack of roll and pitch, of z, of x and y, and of yaw [N].
+        residuals: Primal and dual residual of the solution [N].
+        tilt: Agents whose thrust direction is at its limit.
+        thrust: Agents whose thrust is at its minimum or maximum.
+        friction: Contacts whose force is at the friction cone.
+        force: Contacts whose force is at its minimum or maximum.
+    """
+
+    slack: Float[Array, "4"]
+    residuals: Float[Array, "2"]
+    tilt: Bool[Array, "agents"]
+    thrust: Bool[Array, "agents"]
+    friction: Bool[Array, "contacts"]
+    force: Bool[Array, "contacts"]
+
+
+@pytree
 class ContactForceCommand:
     """Commanded contact forces of all contacts, in the order of the team.
 
@@ -150,11 +196,15 @@ class ContactForceCommand:
         lam: Contact forces on the payload [N, world].
         lam_dot: Their rate, a feedforward of the agents' attitudes [N/s, world].
         eta: Internal-force input, coordinates in the null space of the grasp matrix [N]; for the log.
+        acceleration: Payload acceleration that these forces achieve. None if it is the commanded one.
+        report: Limits that act. None for an allocator without limits.
     """
 
     lam: Float[Array, "contacts 3"]
     lam_dot: Float[Array, "contacts 3"]
     eta: Float[Array, " eta"]
+    acceleration: tracking.AccelerationCommand | None = None
+    report: AllocationReport | None = None
 
 
 @pytree
@@ -164,12 +214,15 @@ class Telemetry:
     Attributes:
         estimate: State estimate.
         setpoint: Desired payload pose with its derivatives.
-        W_d: Desired payload wrench: force [N, world] and moment [N m, payload frame].
+        W_d: Desired payload wrench for the achieved acceleration: force [N, world] and moment [N m, payload frame].
         lam_cmd: Commanded contact forces on the payload [N, world].
         f_hat: Predicted residuals of agents and payload.
         eta: Internal-force input [N].
         saturated: Agents whose thrust command was limited.
         correction: Estimated error of the residual model; None without a ``residual_corrector``.
+        allocation: Limits that act in the allocation; None for an allocator without limits.
+        shortfall: Achieved minus commanded payload acceleration [m/s^2 world, rad/s^2 payload frame]; None for an
+            allocator without limits.
     """
 
     estimate: StateEstimate
@@ -180,6 +233,8 @@ class Telemetry:
     eta: Float[Array, " eta"]
     saturated: SaturationFlags
     correction: residual_correction.ResidualCorrection | None = None
+    allocation: AllocationReport | None = None
+    shortfall: Float[Array, "6"] | None = None
 
 
 # The whole controller -------------------------------------------------------------------------------------------------
@@ -355,19 +410,32 @@ class PayloadController(Protocol):
 class Allocator(Protocol):
     """Distribution of a payload wrench to contact forces.
 
+    An allocator without limits returns forces with ``G lam = W``. An allocator with limits also returns the payload
+    acceleration that its forces achieve. The agent controllers, the disturbance observer, the integral action and the
+    log then use the achieved acceleration and its wrench.
+
     Implementation: ``allocators.LinearAllocator``.
     """
 
-    def allocate(self, context: ControlContext, W: Wrench, W_dot: Wrench) -> ContactForceCommand:
-        """Compute contact forces ``lam`` with ``G lam = W`` and their rate.
+    def init(self) -> PartState:
+        """Return the state before the first control period, such as a warm start; ``()`` for none."""
+        ...
+
+    def allocate(
+        self, state: PartState, context: ControlContext, demand: AllocationDemand
+    ) -> tuple[ContactForceCommand, PartState]:
+        """Compute contact forces for a demand, and their rate.
+
+        With a preview the method is also evaluated at states on the reference (`ControlContext.is_preview`), with the
+        state of this control period; the states that these calls return are not used.
 
         Args:
+            state: State after the previous control period.
             context: Inputs of this control period.
-            W: Desired payload wrench: force [N, world] and moment [N m, payload frame].
-            W_dot: Its rate [N/s, N m/s], same frames.
+            demand: Commanded acceleration, predicted residuals and desired payload wrench.
 
         Returns:
-            Commanded contact forces on the payload.
+            Commanded contact forces on the payload, and the next state.
         """
         ...
 
@@ -380,24 +448,30 @@ class AgentController(Protocol):
     ``colift.onboard.control.agent_controllers``.
     """
 
+    def init(self) -> PartState:
+        """Return the state before the first control period; ``()`` for none."""
+        ...
+
     def compute(
         self,
+        state: PartState,
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
         forces: ContactForceCommand,
         f_hat: ResidualForces,
-    ) -> tuple[TeamInputs, SaturationFlags]:
+    ) -> tuple[tuple[TeamInputs, SaturationFlags], PartState]:
         """Compute the requested inputs of all agents.
 
         Args:
+            state: State after the previous control period.
             context: Inputs of this control period.
-            acceleration_cmd: Commanded payload acceleration, which the arm tips follow.
+            acceleration_cmd: Payload acceleration that the commanded forces achieve; the arm tips follow it.
             forces: Commanded contact forces.
             f_hat: Predicted residuals.
 
         Returns:
-            By group of agents: thrust [N], body torque [N m, body frame] and joint torques or forces [N m or N]; and
-            the agents whose thrust was limited.
+            A pair of results, and the next state. The results are the inputs by group of agents: thrust [N], body
+            torque [N m, body frame] and joint torques or forces [N m or N]; and the agents whose thrust was limited.
         """
         ...
 

@@ -19,6 +19,7 @@ from colift.onboard.control import (
     agent_controllers,
     allocators,
     bound_tips,
+    constrained_allocation,
     label_feedback,
     payload_controllers,
     preview,
@@ -138,6 +139,23 @@ def _internal(
     return allocators.InternalForceSchedule(eta=jnp.asarray(eta), start=start, end=end, ramp=ramp)
 
 
+def _constrained(
+    settings: schema.Scenario, nominal: Team, base: allocators.LinearAllocator
+) -> constrained_allocation.ConstrainedAllocator:
+    """Return the allocation within the limits of a scenario."""
+    given = settings.allocation
+    assert isinstance(given, schema.ConstrainedAllocation)  # for the type checker
+    names, contact = team_module.contact_names(settings), given.contact
+    normals = contact.normal or {}
+    limits = constrained_allocation.ContactLimits(
+        normals=np.array([normals[name] for name in names]) if set(names) <= set(normals) else None,
+        friction=contact.friction,
+        min_force=contact.min_force_N,
+        max_force=contact.max_force_N,
+    )
+    return constrained_allocation.constrained_allocator(nominal, base, float(np.deg2rad(given.tilt_deg)), limits)
+
+
 def make_controller(settings: schema.Scenario, nominal: Team) -> controller.LeaderFollowerController:
     """Return the controller of case C1, which records no samples and learns no residuals.
 
@@ -153,6 +171,10 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     """
     allocation_map, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings, nominal)
+    allocator: interfaces.Allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
+    if isinstance(settings.allocation, schema.ConstrainedAllocation):
+        allocator = _constrained(settings, nominal, allocator)
+    bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
     agent_controller = (
@@ -173,8 +195,10 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         ),
         residual_model=priors.prior_model(settings, nominal),
         residual_predictor=residual_predictors.LearnedResidual(),
-        payload_controller=payload_controllers.GeometricTracking(gains=gain),
-        allocator=allocators.LinearAllocator(allocation=allocation_map, internal=internal),
+        payload_controller=payload_controllers.GeometricTracking(
+            gains=gain, position_error_bound=None if bound is None else array(bound)
+        ),
+        allocator=allocator,
         agent_controller=agent_controller(
             gains=gain, yaw=trajectories.headings(settings), nominal_posture=team_module.nominal_posture(settings)
         ),

@@ -38,6 +38,7 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
         *_poses(data),
         *_delays(data),
         *_mass_steps(data),
+        *_faults(data),
     ]
 
 
@@ -200,19 +201,41 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield location, unknown_name_message(contact, known, "a contact")
         elif contact in leaders[:i]:
             yield location, f"{format_value(contact)} is named twice"
-    for i, pair in enumerate(_items(data, "allocation", "internal", "squeeze_pairs")):
+    yield from _contact_pairs(data, ("allocation", "internal", "squeeze_pairs"), known)
+    yield from _contact_limits(data, known)
+
+
+def _contact_pairs(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:
+    for i, pair in enumerate(_items(data, *location)):
         ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
         for k, contact in enumerate(ends):
             if isinstance(contact, str) and contact not in known:
-                yield (
-                    ("allocation", "internal", "squeeze_pairs", i, k),
-                    unknown_name_message(contact, known, "a contact"),
-                )
+                yield (*location, i, k), unknown_name_message(contact, known, "a contact")
             elif isinstance(contact, str) and k == 1 and contact == ends[0]:
-                yield (
-                    ("allocation", "internal", "squeeze_pairs", i, k),
-                    "must be another contact than the first of the pair",
-                )
+                yield (*location, i, k), "must be another contact than the first of the pair"
+
+
+def _contact_limits(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMessage]:
+    location: Location = ("allocation", "contact")
+    limits = _part(data, *location)
+    normals = _part(data, *location, "normal")
+    if not isinstance(limits, dict):
+        return
+    normals = normals if isinstance(normals, dict) else {}
+    for name, axis in normals.items():
+        if name not in known:
+            yield (*location, "normal", name), unknown_name_message(name, known, "a contact")
+        elif isinstance(axis, list | tuple) and not any(axis):
+            yield (*location, "normal", name), "must not be zero"
+    for setting in ("friction", "min_force_N"):
+        if limits.get(setting) is not None and (missing := [name for name in known if name not in normals]):
+            yield (
+                (*location, setting),
+                f"requires `contact.normal` of every contact; missing: {', '.join(missing)}",
+            )
+    least, most = _number(data, *location, "min_force_N"), _number(data, *location, "max_force_N")
+    if least > most:
+        yield (*location, "min_force_N"), f"must not exceed max_force_N = {most:g}, got {least:g}"
 
 
 UPDATE_TIMES_PATH = ("learning", "update_times_s")  # location in the data
@@ -323,7 +346,7 @@ def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def log_size(data: dict[str, Any]) -> int:
     """Return an upper bound of the number of values per tick in the log."""
-    return 102 + 51 * len(_items(data, "agents")) + 6 * _joints(data) + 12 * len(contacts(data))
+    return 108 + 53 * len(_items(data, "agents")) + 6 * _joints(data) + 14 * len(contacts(data))
 
 
 def model_outputs(data: dict[str, Any]) -> int:
@@ -377,6 +400,39 @@ def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
     if not math.isnan(added) and _part(data, "physics", "kind") == "mujoco":
         yield ("payload_mass_step",), "physics mujoco does not support it; use kind: rigid"
+
+
+PAYLOAD_READINGS, AGENT_READINGS = ("p", "R", "v", "omega", "a"), ("x", "R", "v", "omega", "a", "r", "lam")
+
+
+def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
+    """Check the names and times of faults, and that the physics supports contacts that open."""
+    agents, duration, released = _names(_items(data, "agents")), _number(data, "duration_s"), set[str]()
+    for i, fault in enumerate(_items(data, "faults")):
+        location: Location = ("faults", i)
+        kind, who = _part(fault, "kind"), _part(fault, "who")
+        known, expected = {
+            "thrust": (agents, "an agent"),
+            "sensor": (["payload", *agents], "the payload or an agent"),
+            "contact": (contacts(data), "a contact"),
+        }.get(str(kind), ([], ""))
+        start, end = _number(fault, "start_s"), _number(fault, "end_s")
+        if isinstance(who, str) and known and who not in known:
+            yield (*location, "who"), unknown_name_message(who, known, expected)
+        elif kind == "sensor":
+            readings, reading = PAYLOAD_READINGS if who == "payload" else AGENT_READINGS, _part(fault, "reading")
+            if isinstance(reading, str) and reading not in readings:
+                yield (*location, "reading"), unknown_name_message(reading, readings, f"a reading of {who}")
+        elif kind == "contact" and who in released:
+            yield (*location, "who"), f"{format_value(who)} is named twice"
+        if kind == "contact":
+            released.add(str(who))
+            if _part(data, "physics", "kind") == "mujoco":
+                yield (*location, "kind"), "physics mujoco does not support it; use kind: rigid"
+        if start >= duration:
+            yield (*location, "start_s"), f"must be less than duration_s = {duration:g}, got {start:g}"
+        if end <= start:
+            yield (*location, "end_s"), f"must exceed start_s = {start:g}, got {end:g}"
 
 
 def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:

@@ -96,6 +96,7 @@ RotationComponent = Annotated[
 ]
 AngleLimit = Annotated[Number, Field(ge=1, le=180), range_reason("180 deg permits every attitude")]
 RotationVector = tuple[RotationComponent, RotationComponent, RotationComponent]
+TiltLimit = Annotated[Number, Field(ge=1, le=85), range_reason("multirotors carry no weight near 90 deg")]
 AngularDeviation = Annotated[Number, Field(ge=1e-4, le=30), range_reason("from rounding to a loose fit")]
 Wavenumber = Annotated[
     Number,
@@ -138,6 +139,8 @@ _HEAVY = range_reason("the weight of 100 t is 1e6 N")
 _LEVER = range_reason("the weight of 100 t with a lever of 1 m")
 ForceComponent = Annotated[Number, Field(ge=-1e6, le=1e6), _HEAVY]
 Force = tuple[ForceComponent, ForceComponent, ForceComponent]
+ForceLimit = Annotated[Number, Field(ge=0, le=1e6), _HEAVY]
+FrictionCoefficient = Annotated[Number, Field(ge=0.01, le=10), range_reason("from ice to rubber with adhesion")]
 Thrust = Annotated[Number, Field(ge=1e-5, le=1e6), range_reason("the weight of a milligram to that of 100 t")]
 MomentComponent = Annotated[Number, Field(ge=-1e6, le=1e6), _LEVER]
 Moment = tuple[MomentComponent, MomentComponent, MomentComponent]

@@ -11,7 +11,8 @@ from colift.closed_loop import termination
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import ResidualForces, State, Wrench, zero_residual
-from colift.onboard import controller
+from colift.onboard import controller, interfaces
+from colift.onboard.control import tracking
 from colift.scenario import initial_states, schema, team
 from colift.scenario.conversion import array
 from colift.scenario.errors import ScenarioError
@@ -138,9 +139,13 @@ def hover_forces(
     Returns:
         Thrust `(agents,)` [N], and contact forces on the payload `(contacts, 3)` [N, world].
     """
-    W = Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau)
-    steady = Wrench(F=jnp.zeros(3), tau=jnp.zeros(3))
-    forces = base_controller.allocator.allocate(
-        controller.context_at(base_controller, state, jnp.zeros(6), t), W, steady
+    rest = tracking.AccelerationCommand(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
+    demand = interfaces.AllocationDemand(
+        acceleration_cmd=rest,
+        f_hat=f,
+        W=Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau),
+        W_dot=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
     )
+    context = controller.context_at(base_controller, state, jnp.zeros(6), t)
+    forces, _ = base_controller.allocator.allocate(base_controller.allocator.init(), context, demand)
     return termination.hover_thrust(truth, forces.lam, f), forces.lam

@@ -12,15 +12,17 @@ from jaxtyping import Array
 from colift.models.parameters import Team
 from colift.models.state import ResidualForces, State
 from colift.scenario import schema
+from colift.scenario import team as team_module
 from colift.scenario.conversion import actuator_lag, array, build_plugin
 from colift.scenario.errors import ScenarioError
-from colift.simulation import actuators, contact_dynamics, disturbances
+from colift.simulation import actuators, contact_dynamics, disturbances, faults
 from colift.simulation.sensors import (
     BiasRandomWalk,
     CalibrationRig,
     Intermittent,
     SensorModel,
     SensorNoise,
+    StuckReading,
     sample_tip_bias,
 )
 from colift.simulation.world import PayloadMassStep, Plant, SimulatedWorld
@@ -46,6 +48,7 @@ def make_world(
     """
     noise = make_sensor_noise(settings)
     models = tuple(_sensor_model(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
+    models += tuple(_stuck_reading(x, settings) for x in settings.faults if isinstance(x, schema.SensorFault))
     world = SimulatedWorld(
         team=truth,
         plant=contact_dynamics.RigidContactPlant(),
@@ -58,12 +61,50 @@ def make_world(
         if settings.learning.rig_label_error is not None
         else models,
         mass_step=None if settings.payload_mass_step is None else _mass_step(settings.payload_mass_step),
+        faults=_faults(settings),
     )
     return dataclasses.replace(world, actuators=_actuators(settings, world), plant=_plant(settings, world, state))
 
 
 def _mass_step(step: schema.PayloadMassStep) -> PayloadMassStep:
     return PayloadMassStep(mass=array(step.mass_kg), start=array(step.start_s), ramp_time=array(step.ramp_time_s))
+
+
+def _faults(settings: schema.Scenario) -> faults.Faults | None:
+    """Return the faults of rotors and contacts; None without one, for which the simulation has no further operation."""
+    groups = team_module.group_agents(settings)
+    losses = [fault for fault in settings.faults if isinstance(fault, schema.ThrustFault)]
+    opened = {fault.who: fault.start_s for fault in settings.faults if isinstance(fault, schema.ContactFault)}
+    if not losses and not opened:
+        return None
+    arms = {name: [arm.name for arm in kind.arms] for name, kind in settings.agent_types.items()}
+    release_time = tuple(
+        array([[opened.get(f"{agent.name}/{arm}", np.inf) for arm in arms[agent.type]] for agent in group])
+        for group in groups
+    )
+    return faults.Faults(
+        thrust=tuple(
+            faults.ThrustLoss(
+                share=tuple(array([loss.to if agent.name == loss.who else 1.0 for agent in group]) for group in groups),
+                start=array(loss.start_s),
+                end=array(np.inf if loss.end_s is None else loss.end_s),
+            )
+            for loss in losses
+        ),
+        release_time=release_time if opened else None,
+    )
+
+
+def _stuck_reading(fault: schema.SensorFault, settings: schema.Scenario) -> StuckReading:
+    """Return the sensor model of a reading that is stuck."""
+    return StuckReading(
+        channel=f"payload.{fault.reading}" if fault.who == "payload" else f"agents.{fault.reading}",
+        stuck=tuple(
+            jnp.asarray([agent.name == fault.who for agent in group]) for group in team_module.group_agents(settings)
+        ),
+        start=array(fault.start_s),
+        end=array(np.inf if fault.end_s is None else fault.end_s),
+    )
 
 
 def _plant(settings: schema.Scenario, world: SimulatedWorld, state: State) -> Plant:

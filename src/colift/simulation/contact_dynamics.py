@@ -66,6 +66,7 @@ class AgentKKT:
     P: Float[Array, "*agents forces 6"]  # contact Jacobian of the payload
     Q: Float[Array, "*agents motion k"]  # generalized forces on (x, xi)
     contact_bias: Float[Array, "*agents forces k"]  # gap of the contact equation
+    compliance: Float[Array, "*agents forces"] | None = None  # 1/kg, added to the diagonal of `A M^-1 A^T`
 
 
 @pytree
@@ -92,8 +93,15 @@ def _couple(
     n = agent.tree.arms
     turn = -matmul(matmul(R.T, R_L)[None], so3.hat(agent.contact_position))
     P = jnp.concatenate([jnp.broadcast_to(R.T, (n, 3, 3)), turn], axis=2)
+    compliance = None if agent.contact_compliance is None else jnp.repeat(agent.contact_compliance, 3)
     return AgentKKT(
-        mass=q.mass, M_bar=q.M_bar, B=q.J_tip.reshape(3 * n, -1), P=P.reshape(3 * n, 6), Q=Q, contact_bias=gap
+        mass=q.mass,
+        M_bar=q.M_bar,
+        B=q.J_tip.reshape(3 * n, -1),
+        P=P.reshape(3 * n, 6),
+        Q=Q,
+        contact_bias=gap,
+        compliance=compliance,
     )
 
 
@@ -103,7 +111,8 @@ def _eliminate(s: AgentKKT) -> tuple[AgentSchurFactors, Float[Array, "6 right"]]
     U_M, d_M, W = udu_eliminate(s.M_bar, jnp.concatenate([s.B.T, s.Q[3:]], axis=1))
     along = jnp.concatenate([jnp.tile(jnp.eye(3), forces // 3), s.Q[:3]], axis=1) / s.mass
     T = matmul((d_M[:, None] * W[:, :forces]).T, W) + jnp.tile(along, (forces // 3, 1))
-    U_S, d_S, Z = udu_eliminate(T[:, :forces], jnp.concatenate([s.P, T[:, forces:] + s.contact_bias], axis=1))
+    S = T[:, :forces] if s.compliance is None else T[:, :forces] + jnp.diag(s.compliance)
+    U_S, d_S, Z = udu_eliminate(S, jnp.concatenate([s.P, T[:, forces:] + s.contact_bias], axis=1))
     share = matmul((d_S[:, None] * Z[:, :6]).T, Z)
     return AgentSchurFactors(U_M=U_M, d_M=d_M, W=W, U_S=U_S, d_S=d_S, Z=Z), share
 
@@ -126,8 +135,9 @@ def solve_kkt(
 ]:
     """Solve the saddle-point system of the coupled team.
 
-    The equations are `M a + A^T lam = Q`, `M_L a_L - sum P^T lam = Q_L` and `A a - P a_L + gap = 0`. Among all
-    motions that close the gap, a is nearest to the unconstrained motion in the mass metric (Gauss' principle).
+    The equations are `M a + A^T lam = Q`, `M_L a_L - sum P^T lam = Q_L` and `A a - P a_L + gap = C lam` with the
+    compliance C of the contacts. Among all motions that close the gap of contacts without compliance, a is nearest to
+    the unconstrained motion in the mass metric (Gauss' principle). A contact with an immense compliance is open.
 
     Args:
         payload: Mass and inertia of the payload.

@@ -299,6 +299,37 @@ class Intermittent(SensorModel):
 
 
 @pytree
+class StuckReading(SensorModel):
+    """A reading of one agent or of the payload that keeps its last value in an interval; its age is not reported."""
+
+    channel: str = static()  # field of the payload or agent readings, for example `payload.p`, `agents.x`
+    stuck: tuple[Bool[Array, "agents"], ...]  # agents whose reading is stuck, by group; unused for the payload
+    start: Scalar  # s
+    end: Scalar  # s; inf: until the end of the flight
+
+    def init(self, measurement: Measurement) -> Any:
+        """Return the readings at rest."""
+        return _select_channels(measurement, (self.channel,))
+
+    def apply(
+        self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: dict[str, Any], noise: Any
+    ) -> tuple[Measurement, Any]:
+        """Replace the reading by the one before the interval."""
+        active = (clock.t >= self.start - 1e-9) & (clock.t < self.end - 1e-9)
+
+        def hold(mask: Bool[Array, "*agents"], new: Array, old: Array) -> Array:
+            return jnp.where((active & mask).reshape(mask.shape + (1,) * (new.ndim - mask.ndim)), old, new)
+
+        readings, held = _select_channels(measurement, (self.channel,))[self.channel], state[self.channel]
+        if isinstance(readings, tuple):
+            readings = tuple(map(hold, self.stuck, readings, held))
+        else:
+            readings = hold(jnp.array(True), readings, held)
+        values = {self.channel: readings}
+        return _replace_channels(measurement, (self.channel,), values), values
+
+
+@pytree
 class BiasWalkState:
     """State of `BiasRandomWalk`."""
 

@@ -21,6 +21,7 @@ from colift.models.state import ControlClock, ResidualForces, ResidualFunctionTy
 from colift.simulation import contact_dynamics, disturbances
 from colift.simulation import sensors as sensors_module
 from colift.simulation.actuators import IdealActuators
+from colift.simulation.faults import Faults
 
 Scalar = Float[Array, ""]
 
@@ -45,6 +46,7 @@ class GroundTruth:
     inputs: TeamInputs  # inputs that act during the tick
     acceleration: contact_dynamics.Acceleration  # accelerations of payload and agents
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces on the payload, world, by group
+    team: Team | None = None  # true parameters where contacts are open; None if they are those of the world
 
 
 @pytree
@@ -156,10 +158,12 @@ class SimulatedWorld:
     tip_force_bias: tuple[Float[Array, "agents arms 3"], ...]  # N, tip frames, by group
     sensor_models: tuple[sensors_module.SensorModel, ...]  # additional sensors
     mass_step: PayloadMassStep | None = None  # change of the payload mass; None without one
+    faults: Faults | None = None  # faults of rotors and contacts; None without one
 
     def team_at(self, t: Scalar) -> Team:
         """Return the true parameters at time t [s]."""
-        return self.team if self.mass_step is None else self.mass_step.team_at(self.team, t)
+        team = self.team if self.mass_step is None else self.mass_step.team_at(self.team, t)
+        return team if self.faults is None else self.faults.team_at(team, t)
 
     def sample_noise(self, key: Array, ticks: int) -> WorldNoise:
         """Draw the sensor noise of several ticks from one random key."""
@@ -282,6 +286,8 @@ class SimulatedWorld:
         """
         t, dt = clock.t, clock.dt
         inputs, actuators = self.actuators(command, state.actuators, clock)
+        if self.faults is not None:
+            inputs = self.faults.limit(inputs, t)
         f = self.disturbance_forces(state.state, t, state.disturbances)
         team = self.team_at(t)
         a, lam = self.plant.forward_dynamics(team, state.state, inputs, f)
@@ -296,4 +302,7 @@ class SimulatedWorld:
             actuators=actuators,
             sensors=state.sensors,
         )
-        return next_state, GroundTruth(state=state.state, inputs=inputs, acceleration=a, lam=lam)
+        opens = self.faults is not None and self.faults.release_time is not None
+        return next_state, GroundTruth(
+            state=state.state, inputs=inputs, acceleration=a, lam=lam, team=team if opens else None
+        )

@@ -121,7 +121,7 @@ class _FrameEncoder:
             "from": first,
             "known": until,
             "tracks": {name: playback.encode_array(np.concatenate(parts)) for name, parts in tracks.items()},
-            "marks": scene.event_markers(ds),
+            "marks": scene.event_markers(ds, self.settings.faults),
             "stopped": str(ds.attrs["termination_reason"]),
         }
 

@@ -99,7 +99,7 @@ def page_data(flights: Mapping[str, xr.Dataset], cases: Mapping[str, str]) -> di
                 "stopped": str(ds.attrs["termination_reason"]),
                 "t": scene.to_json_times(ds.time.values[scene.frame_rows(ds)]),
                 "t_sigma": scene.to_json_times(ds.time_sigma.values[scene.subsample(ds.time_sigma.values)]),
-                "marks": scene.event_markers(ds),
+                "marks": scene.event_markers(ds, settings.faults),
                 "tracks": {
                     name: encode_array(x) for name, x in (tracks_by_case[case] | scene.plot_signals(ds)).items()
                 },

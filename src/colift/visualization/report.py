@@ -235,6 +235,7 @@ def _run(summary: Mapping[str, Any], settings: Scenario) -> str:
         "command": summary["command"],
         "scenario": f"{settings.name}, seed {summary['seed']}, {settings.duration_s:g} s at {settings.control_Hz:g} Hz",
         "plant": summary["plant"],
+        "faults": "; ".join(fault.describe() for fault in settings.faults) or "none",
         "slowest mode at rest": slowest["description"] if slowest else "not found",
         "margins at rest": margins["description"] if margins else "none",
         "versions": ", ".join(f"{name} {version}" for name, version in summary["versions"].items()),

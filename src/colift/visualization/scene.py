@@ -7,7 +7,7 @@ geometry of the team is taken from the scenario that the log contains.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -24,6 +24,7 @@ from colift.models import aerial_manipulator, mjcf
 from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import State
 from colift.scenario import Scenario
+from colift.scenario.schema import Fault
 from colift.scenario.team import agent_names, contact_names
 from colift.trajectories.base import PayloadSetpoint
 
@@ -227,16 +228,18 @@ def error_signals(ds: xr.Dataset) -> dict[str, np.ndarray]:
     }
 
 
-def event_markers(ds: xr.Dataset) -> dict[str, Any]:
+def event_markers(ds: xr.Dataset, faults: Sequence[Fault] = ()) -> dict[str, Any]:
     """Return the events of a flight with their times [s].
 
     - `updates`: times of the model updates.
     - `learning_end`: end of learning, or None if learning continues beyond `T_end`.
     - `internal`: spans of internal forces.
     - `at_limit`: for each agent that reached its thrust limit, the spans at the limit.
+    - `faults`: text and span of each fault that acted.
 
     Args:
         ds: Log.
+        faults: Faults of the scenario.
 
     Returns:
         Events by name, as values for JSON.
@@ -248,6 +251,11 @@ def event_markers(ds: xr.Dataset) -> dict[str, Any]:
         "learning_end": end,
         "internal": _spans(t, np.linalg.norm(ds.eta.values, axis=1) > 0),
         "at_limit": {name: spans for name, spans in limited.items() if spans},
+        "faults": [
+            {"text": fault.describe(), "span": to_json_times([fault.start_s, min(fault.last_time, t[-1])])}
+            for fault in faults
+            if fault.start_s <= t[-1]
+        ],
     }
 
 

@@ -58,6 +58,7 @@ def test_shipped_team_passes_all_checks():
         "mass",
         "contacts",
         "thrust",
+        "thrust loss",
         "bound axes",
         "yaw gain",
         "translation gain",

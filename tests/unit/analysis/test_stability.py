@@ -15,6 +15,7 @@ from colift.closed_loop import flight, signals, simulator
 from colift.models.state import State
 from colift.scenario import experiment, initial_states
 from colift.simulation import sensors
+from colift.workflows import python_api
 from tests.support import paper_flights as paper
 from tests.support import small_team as light
 
@@ -119,6 +120,19 @@ def test_stateful_payload_controller_adds_modes():
     )
     assert slow(with_integral) == slow(at_500_hertz()) + 6
     assert with_integral.stable
+
+
+@pytest.mark.long
+def test_friction_cones_at_equilibrium_leave_true_modes():
+    """The multipliers of the cone program persist if they are not unique; they are no mode of the loop."""
+    sides = {"left": [0, -1, 0], "right": [0, 1, 0]}
+    normal = {f"{agent}/{arm}": axis for agent in ("front", "rear") for arm, axis in sides.items()}
+    limits = {"kind": "constrained", "contact": {"friction": 0.6, "normal": normal}}
+    setup = python_api.make_experiment(python_api.load_scenario("paper", {"allocation": limits}), "C1")
+    x, M = stability.equilibrium_and_jacobian(setup, z())
+    modes = stability.compute_modes(x, M, setup.dt)
+    assert not any("allocator" in path for path in x)
+    assert -2.5 < modes.slowest_eigenvalue[0] < -1.5  # 1/s; -1.75 without limits
 
 
 @pytest.mark.long

@@ -70,7 +70,7 @@ def closed_loop(controlled: controller.LeaderFollowerController, z: State, f: Re
 
     def evaluate(a: jax.Array) -> tuple[Any, Any, Any]:
         now = controller.context_at(controlled, z, a, jnp.zeros(()))
-        inputs, _, telemetry = controlled.control_law((), (), now)
+        inputs, _, telemetry = controlled.control_law(controlled.init_control_law(), now)
         return *contact_dynamics.forward_dynamics(team, z, inputs, f), telemetry.W_d
 
     found = jax.lax.map(lambda a: evaluate(a)[0].payload[:3], jnp.concatenate([jnp.zeros((1, 6)), jnp.eye(3, 6)]))

@@ -153,6 +153,8 @@ class Result:
 
     def __init__(self, name: str, method: str, result: Any) -> None:
         others = dict.fromkeys(part_checks._methods(part_checks.CONTROLLER_PARTS[name]))
+        if (name, method) in part_checks.STATE_ARGUMENT:
+            result = (result, ())
         part = type("Own", (), {**others, method: lambda *_: result})()
         expected = part_checks._expected_results(built().controller.team, built().initial_state)
         self.call = getattr(part_checks._CheckedPart(name, part, expected), method)
@@ -169,7 +171,7 @@ class Result:
 )
 def test_results_of_other_methods(name: str, method: str, result: Any, message: str):
     with pytest.raises(part_checks.PartError) as error:
-        Result(name, method, result).call()
+        Result(name, method, result).call(())
     assert str(error.value) == f"{name}: Own.{method}: {message}"
 
 

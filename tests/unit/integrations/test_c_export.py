@@ -18,7 +18,7 @@ from colift.closed_loop import flight, simulator
 from colift.codegen import build
 from colift.integrations import c_export
 from colift.onboard.learning import residual_model
-from colift.scenario import experiment
+from colift.scenario import experiment, schema
 from tests.support import small_team as light
 
 TICKS = 500
@@ -67,6 +67,23 @@ def test_replayed_commands_equal_python(folder: Path, program: Path):
     found = run_replay(program, folder / "flight.bin")
     assert found["steps"] == TICKS
     assert found["max_relative_difference"] < 1e-12
+
+
+def test_allocation_within_limits_equals_python(tmp_path: Path):
+    """The exported code contains the iterations of the cone program, at a thrust limit below the team's need."""
+    allocation = schema.ConstrainedAllocation(kind="constrained", tilt_deg=20)
+    c1 = experiment.make_experiment(light.settings(allocation=allocation, sensors={}), "C1")
+    groups = tuple(
+        dataclasses.replace(group, thrust_max=0 * group.thrust_max + 19) for group in c1.controller.team.agent_groups
+    )
+    team = dataclasses.replace(c1.controller.team, agent_groups=groups)
+    c1 = dataclasses.replace(c1, controller=dataclasses.replace(c1.controller, team=team))
+    records = flight.run_experiment(dataclasses.replace(c1, duration=0.4)).records
+    assert records.thrust_limited is not None
+    assert records.thrust_limited.any()
+    c_export.export_c(c1, c1.controller.residual_model, 200, tmp_path, "light, C1")
+    found = run_replay(compile_replay(tmp_path), tmp_path / "flight.bin")
+    assert found["max_relative_difference"] < 1e-9
 
 
 def test_scalar_code_equals_python(folder: Path):

@@ -54,12 +54,9 @@ def tilted(name: str, rotation: np.ndarray) -> Tilted:
     """Rotate agent 0 about its tips from its setpoint; `rotation` is a rotation vector [rad, base frame]."""
     controlled, z = hover(name)
     nominal = controlled.team
-    W = tracking.desired_wrench(
-        nominal.payload, nominal.gravity, z.payload, NO_ACCELERATION, zero_residual(nominal).payload
-    )
-    steady = dataclasses.replace(W, F=jnp.zeros(3), tau=jnp.zeros(3))
-    command = controlled.allocator.allocate(
-        controller.context_at(controlled, z, jnp.zeros(6), jnp.zeros(())), W, steady
+    demand = controller.tracking_demand(nominal, z.payload, NO_ACCELERATION, zero_residual(nominal))
+    command, _ = controlled.allocator.allocate(
+        (), controller.context_at(controlled, z, jnp.zeros(6), jnp.zeros(())), demand
     )
     lam = grasp.split_contacts(nominal, command.lam)
     desired = jax.vmap(attitude.desired_thrust, in_axes=(0, None, None, None, 0, None))

@@ -216,7 +216,8 @@ def _agent_inputs(
     forces = interfaces.ContactForceCommand(
         lam=lam, lam_dot=lam_dot_of(controlled, now.estimate, to), eta=controlled.allocator.internal.eta
     )
-    return controlled.agent_controller.compute(now, to, forces, zero_residual(controlled.team))[0]
+    (inputs, _), _ = controlled.agent_controller.compute((), now, to, forces, zero_residual(controlled.team))
+    return inputs
 
 
 def _rate_by_differences(
@@ -253,7 +254,9 @@ def test_attitude_feedforward_uses_the_force_rate():
     z, _ = paper_flights.states(of.world.team, jax.tree.map(lambda x: x[100:101], rows))
     z = jax.tree.map(lambda x: x[0], z)
     now = controller.context_at(of.controller, z, jnp.array([0.5, -1.0, 0.3, 0, 0, 0]), number(100 * DT))
-    inputs, _, telemetry = jax.jit(lambda controlled, now: controlled.control_law((), (), now))(of.controller, now)
+    inputs, _, telemetry = jax.jit(lambda controlled, now: controlled.control_law(controlled.init_control_law(), now))(
+        of.controller, now
+    )
     assert np.abs(offset).max() > 0.1
     expected = _agent_inputs(_rate_by_differences, of.controller, now, telemetry.lam_cmd)
     for found, predicted in zip(jax.tree.leaves(inputs), jax.tree.leaves(expected), strict=True):

@@ -16,6 +16,7 @@ from colift.simulation.disturbances import init, payload_wrench
 from colift.visualization import scene
 from tests.support import playback_logs as played
 from tests.support import random_logs as flights
+from tests.support import small_team
 from tests.support.playback_logs import PAPER, random_log
 
 
@@ -115,3 +116,18 @@ def test_event_markers_are_time_intervals():
     assert scene.event_markers(ds.assign_attrs(T_end_s=0.9))["learning_end"] is None
     assert found["internal"] == [[0.2, 0.4]]
     assert found["at_limit"] == {"rear": [[0.2, 0.222], [1.8, 1.8]]}
+    assert found["faults"] == []
+
+
+def test_event_markers_name_the_faults_that_acted():
+    ds = random_log(flights.PAPER._replace(time=500))
+    given = small_team.faults(
+        {"kind": "thrust", "who": "front", "start_s": 0.2, "end_s": 0.5, "to": 0.6},
+        {"kind": "contact", "who": "rear/left", "start_s": 0.4},
+        {"kind": "contact", "who": "rear/right", "start_s": 10},
+    )
+    end = float(ds.time[-1])
+    assert scene.event_markers(ds, given)["faults"] == [
+        {"text": "rotors of front at 0.6 of their effectiveness from 0.2 s to 0.5 s", "span": [0.2, 0.5]},
+        {"text": "contact rear/left open from 0.4 s", "span": [0.4, end]},
+    ]

@@ -4,7 +4,9 @@
 ``tracking``                  geometric tracking of the payload on SE(3), desired wrench
 ``payload_controllers``       implementations of `PayloadController`
 ``allocation``                linear maps from a payload wrench to contact forces
-``allocators``                implementation of `Allocator`
+``allocators``                linear implementation of `Allocator`
+``cone_program``              solver of small cone programs with constant matrices
+``constrained_allocation``    implementation of `Allocator` with limits of thrust, tilt and contact forces
 ``setpoints``                 setpoints of one agent
 ``attitude``                  attitude setpoint from the commanded thrust direction
 ``preview``                   attitude setpoint with rates from a preview of the reference

@@ -11,7 +11,7 @@ from colift.models import grasp
 from colift.models.parameters import AerialManipulator
 from colift.models.state import AgentInput, AgentState, GeneralizedForce, ResidualForces, TeamInputs
 from colift.onboard.control import attitude, preview, realization, setpoints, tracking
-from colift.onboard.interfaces import ContactForceCommand, ControlContext, SaturationFlags
+from colift.onboard.interfaces import ContactForceCommand, ControlContext, PartState, SaturationFlags
 
 
 @pytree
@@ -22,13 +22,18 @@ class ThrustVectoringController:
     yaw: tuple[Float[Array, "agents"], ...]  # rad, heading of each agent, world
     nominal_posture: tuple[Float[Array, "agents n_r"], ...]  # rad or m, joint positions of the posture control
 
+    def init(self) -> PartState:
+        """Return the empty state."""
+        return ()
+
     def compute(
         self,
+        state: PartState,
         context: ControlContext,
         acceleration_cmd: tracking.AccelerationCommand,
         forces: ContactForceCommand,
         f_hat: ResidualForces,
-    ) -> tuple[TeamInputs, SaturationFlags]:
+    ) -> tuple[tuple[TeamInputs, SaturationFlags], PartState]:
         """Compute the inputs of all agents, with thrust limited to the range of the rotors; see `AgentController`."""
         team, inputs, saturated = context.team, [], []
         agent_inputs = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0, 0))
@@ -54,7 +59,7 @@ class ThrustVectoringController:
             u = jnp.clip(requested.u, 0.0, group.thrust_max)
             inputs.append(AgentInput(u=u, tau=requested.tau, tau_r=requested.tau_r))
             saturated.append(u != requested.u)
-        return tuple(inputs), tuple(saturated)
+        return (tuple(inputs), tuple(saturated)), state
 
     def attitude_setpoints(
         self,

@@ -8,9 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
-from colift.models.state import Wrench
 from colift.onboard.control.allocation import AllocationMap, allocate
-from colift.onboard.interfaces import ContactForceCommand, ControlContext
+from colift.onboard.interfaces import AllocationDemand, ContactForceCommand, ControlContext, PartState
 from colift.trajectories import base
 
 Scalar = Float[Array, ""]
@@ -33,13 +32,20 @@ class LinearAllocator:
     allocation: AllocationMap  # map from wrench and internal-force input to contact forces
     internal: InternalForceSchedule  # internal-force input over time
 
-    def allocate(self, context: ControlContext, W: Wrench, W_dot: Wrench) -> ContactForceCommand:
+    def init(self) -> PartState:
+        """Return the empty state."""
+        return ()
+
+    def allocate(
+        self, state: PartState, context: ControlContext, demand: AllocationDemand
+    ) -> tuple[ContactForceCommand, PartState]:
         """Compute `lam = G^+ W + Z eta + offset`; see `Allocator`. Its rate contains that of the wrench only."""
         schedule, R = self.internal, context.estimate.payload.R
         eta = base.smooth_pulse(context.clock.t, schedule.start, schedule.end, schedule.ramp) * schedule.eta
         rate = dataclasses.replace(self.allocation, offset=jnp.zeros_like(self.allocation.offset))
-        return ContactForceCommand(
-            lam=allocate(self.allocation, R, W, eta),
-            lam_dot=allocate(rate, R, W_dot, jnp.zeros_like(eta)),
+        forces = ContactForceCommand(
+            lam=allocate(self.allocation, R, demand.W, eta),
+            lam_dot=allocate(rate, R, demand.W_dot, jnp.zeros_like(eta)),
             eta=eta,
         )
+        return forces, state

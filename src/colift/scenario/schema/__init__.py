@@ -16,6 +16,8 @@ from colift.scenario.schema.base import (
 )
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
 from colift.scenario.schema.control import (
+    ConstrainedAllocation,
+    ContactLimits,
     Control,
     ControllerPlugins,
     InternalForces,
@@ -36,6 +38,7 @@ from colift.scenario.schema.disturbances import (
     Wind,
     WindTurn,
 )
+from colift.scenario.schema.faults import ContactFault, Fault, SensorFault, ThrustFault
 from colift.scenario.schema.learning import AgentGPPrior, BaselineTuning, GPPrior, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics, Rotors
 from colift.scenario.schema.scenario import Scenario
@@ -73,9 +76,13 @@ __all__ = [
     "Body",
     "Certificate",
     "ConstantWrench",
+    "ConstrainedAllocation",
+    "ContactFault",
+    "ContactLimits",
     "Control",
     "ControllerPlugins",
     "Disturbance",
+    "Fault",
     "ForceMagnitudes",
     "GPPrior",
     "GaussianJet",
@@ -118,9 +125,11 @@ __all__ = [
     "Sampled",
     "Scenario",
     "Section",
+    "SensorFault",
     "Sensors",
     "TerminationLimits",
     "Tether",
+    "ThrustFault",
     "Vector",
     "Waypoints",
     "Wind",

@@ -60,6 +60,8 @@ class Control(Section):
     """Corner frequency of the estimate of gyroscope and accelerometer biases; 0: no estimate."""
     joint_filter_Hz: fields.Rate = 30.0
     """Corner frequency of the second-order filter of the joint positions, whose derivative is the joint velocity."""
+    position_error_bound_m: Annotated[fields.Distance | None, unit("m")] = None
+    """Bound of the position error that the payload controller acts on, by its norm; default: none."""
     preview_step_s: fields.PreviewStep | None = None
     """Time step of the preview of the reference, which yields a feedforward of angular velocities; default: none."""
 
@@ -94,3 +96,33 @@ class LeaderFollowerAllocation(_Allocation):
     """Selects this allocation."""
     leader_contacts: Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_ENTRIES)]
     """Contacts of the leader block as `agent/arm`: at least three that are not collinear."""
+
+
+class ContactLimits(Section):
+    """Limits of the contact forces on the payload."""
+
+    friction: fields.FrictionCoefficient | None = None
+    """Friction coefficient: tangential over normal force; default: contacts can shear and pull."""
+    normal: Annotated[dict[str, fields.Axis], Field(max_length=MAX_ENTRIES)] | None = None
+    """Direction in which each contact `agent/arm` presses on the payload, payload frame; only the direction is used."""
+    min_force_N: fields.ForceLimit | None = None
+    """Smallest normal force; default: 0 with friction, otherwise none."""
+    max_force_N: fields.Thrust | None = None
+    """Largest contact force, by its norm; default: none."""
+
+
+class ConstrainedAllocation(_Allocation):
+    """Allocation within limits of thrust, tilt and contact forces.
+
+    It prefers the least-squares allocation with `internal`, which is the grip where contacts can only press.
+
+    Where the limits do not permit the commanded acceleration, roll and pitch of the payload are kept first, then
+    yaw, then the vertical, then the horizontal acceleration.
+    """
+
+    kind: Literal["constrained"]
+    """Selects this allocation."""
+    tilt_deg: fields.TiltLimit = 35.0
+    """Largest angle between the commanded thrust of an agent and the vertical."""
+    contact: ContactLimits = ContactLimits()
+    """Limits of the contact forces."""

@@ -17,8 +17,15 @@ from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES, consistency_errors
 from colift.scenario.schema.base import Name, Plugin
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
-from colift.scenario.schema.control import Control, ControllerPlugins, LeaderFollowerAllocation, LeastSquaresAllocation
+from colift.scenario.schema.control import (
+    ConstrainedAllocation,
+    Control,
+    ControllerPlugins,
+    LeaderFollowerAllocation,
+    LeastSquaresAllocation,
+)
 from colift.scenario.schema.disturbances import Disturbance, RandomResidual
+from colift.scenario.schema.faults import Fault
 from colift.scenario.schema.learning import BaselineTuning, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics
 from colift.scenario.schema.sensors import Sensors
@@ -59,6 +66,8 @@ class Scenario(Named):
     """Disturbance forces and torques, unknown to the controller."""
     random_residual: RandomResidual | None = None
     """Random residual forces and torques, in addition to the disturbances."""
+    faults: Annotated[tuple[Fault, ...], Field(max_length=MAX_ENTRIES)] = ()
+    """Faults of rotors, sensors and contacts, unknown to the controller."""
     sensors: Sensors = Sensors()
     """Sensors."""
     actuators: Annotated[IdealActuators | LaggedMotors | Plugin, Field(discriminator="kind")] = IdealActuators(
@@ -67,7 +76,9 @@ class Scenario(Named):
     """Actuators; a plugin builds a `colift.simulation.actuators.IdealActuators` by `build(world)`."""
     control: Control
     """Gains and filters."""
-    allocation: Annotated[LeastSquaresAllocation | LeaderFollowerAllocation, Field(discriminator="kind")]
+    allocation: Annotated[
+        LeastSquaresAllocation | LeaderFollowerAllocation | ConstrainedAllocation, Field(discriminator="kind")
+    ]
     """Allocation of the payload's wrench to contact forces."""
     learning: Learning
     """Data and models."""

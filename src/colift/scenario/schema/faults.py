@@ -1,0 +1,86 @@
+"""Settings of faults during a flight.
+
+The docstrings and defaults are the source of the reference page and of the error messages.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from colift.scenario import fields
+from colift.scenario.schema.shared import Start
+
+
+class _Fault(Start):
+    """Settings that all faults have."""
+
+    who: Annotated[str, Field(min_length=1, max_length=200)]
+    """Part that fails: an agent, or as stated below."""
+
+    @property
+    def last_time(self) -> float:
+        """Time at which the fault ends [s]; inf if it lasts until the end of the flight."""
+        return math.inf
+
+
+class _TemporaryFault(_Fault):
+    """A fault that may end."""
+
+    end_s: fields.Span | None = None
+    """End time; default: it lasts until the end of the flight."""
+
+    @property
+    def last_time(self) -> float:
+        """Time at which the fault ends [s]; inf if it lasts until the end of the flight."""
+        return math.inf if self.end_s is None else self.end_s
+
+    @property
+    def period(self) -> str:
+        """Text of the time in which the fault acts."""
+        return f"from {self.start_s:g} s" + ("" if self.end_s is None else f" to {self.end_s:g} s")
+
+
+class ThrustFault(_TemporaryFault):
+    """Loss of effectiveness of all rotors of an agent: a share of thrust and body torque remains."""
+
+    kind: Literal["thrust"]
+    """Selects this fault."""
+    to: fields.Fraction
+    """Remaining share of thrust and body torque."""
+
+    def describe(self) -> str:
+        """Describe the fault in a few words."""
+        return f"rotors of {self.who} at {self.to:.3g} of their effectiveness {self.period}"
+
+
+class SensorFault(_TemporaryFault):
+    """A reading of an agent or of the payload is stuck at its last value; its age is not reported.
+
+    Rates, delays, dropouts and failures that are reported are [sensor models](#intermittent).
+    """
+
+    kind: Literal["sensor"]
+    """Selects this fault."""
+    reading: Annotated[str, Field(min_length=1, max_length=20)]
+    """Name of the reading, as after the dot in the `channels` of sensor models."""
+
+    def describe(self) -> str:
+        """Describe the fault in a few words."""
+        return f"reading {self.reading} of {self.who} stuck {self.period}"
+
+
+class ContactFault(_Fault):
+    """A contact, stated as `agent/arm`, opens and stays open; no force acts there from then on."""
+
+    kind: Literal["contact"]
+    """Selects this fault."""
+
+    def describe(self) -> str:
+        """Describe the fault in a few words."""
+        return f"contact {self.who} open from {self.start_s:g} s"
+
+
+Fault = Annotated[ThrustFault | SensorFault | ContactFault, Field(discriminator="kind")]

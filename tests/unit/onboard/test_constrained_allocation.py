@@ -1,0 +1,144 @@
+"""Tests of the allocation within limits, at one state of the paper's team."""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift.models import grasp
+from colift.models.state import zero_residual
+from colift.onboard import controller, interfaces
+from colift.onboard.control import constrained_allocation, payload_controllers, tracking
+from tests.support import paper_flights as paper
+
+NORMALS = np.array([[0, -1, 0], [0, 1, 0], [0, -1, 0], [0, 1, 0]], float)
+ZERO = jnp.zeros(3)
+
+
+def allocator(
+    limits: constrained_allocation.ContactLimits | None = None,
+) -> constrained_allocation.ConstrainedAllocator:
+    of = paper.paper_experiment("C1").controller
+    limits = constrained_allocation.ContactLimits() if limits is None else limits
+    return constrained_allocation.constrained_allocator(of.team, of.allocator, np.deg2rad(35), limits, 2000)
+
+
+@jax.jit
+def _allocate(onboard: controller.LeaderFollowerController, state: Any, now: interfaces.ControlContext, a: jax.Array):
+    command = tracking.AccelerationCommand(a=a[:3], alpha=a[3:], jerk=ZERO)
+    demand = controller.tracking_demand(onboard.team, now.estimate.payload, command, zero_residual(onboard.team))
+    forces, next_state = onboard.allocator.allocate(state, now, demand)
+    preferred, _ = onboard.allocator.base.allocate((), now, demand)
+    return forces, preferred, next_state
+
+
+def allocated(part: constrained_allocation.ConstrainedAllocator, thrust: float, a: Any) -> Any:
+    """Forces within the limits, preferred forces, next state, and controller for a thrust limit [N] of each agent."""
+    experiment = paper.paper_experiment("C1")
+    groups = experiment.controller.team.agent_groups
+    groups = tuple(dataclasses.replace(group, thrust_max=jnp.full(2, float(thrust))) for group in groups)
+    onboard = dataclasses.replace(experiment.controller, allocator=part)
+    onboard = dataclasses.replace(onboard, team=dataclasses.replace(onboard.team, agent_groups=groups))
+    now = controller.context_at(onboard, experiment.initial_state, jnp.zeros(6), jnp.zeros(()))
+    return *_allocate(onboard, part.init(), now, jnp.asarray(a, float)), onboard, now
+
+
+def thrusts(onboard: controller.LeaderFollowerController, now: interfaces.ControlContext, forces: Any) -> np.ndarray:
+    """Thrust vectors of the agents for allocated forces, from Newton's law of each agent [N, world]."""
+    q, team = now.estimate.payload, onboard.team
+    found, rows = [], iter(np.asarray(forces.lam).reshape(-1, 2, 3))
+    for group in team.agent_groups:
+        for j, c in enumerate(np.asarray(group.contact_position)):
+            a = np.asarray(tracking.point_acceleration(q, forces.acceleration, jnp.asarray(c))).mean(0)
+            m = float(group.mass[j].sum())
+            found.append(m * (a - np.asarray(team.gravity)) + next(rows).sum(0))
+    return np.array(found)
+
+
+def test_forces_without_an_active_limit_are_the_preferred_ones():
+    forces, preferred, _, _, _ = allocated(allocator(), 50, [0.3, -0.2, 0.4, 0.5, -0.5, 0.2])
+    np.testing.assert_allclose(forces.lam, preferred.lam, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(forces.acceleration.a, [0.3, -0.2, 0.4], atol=1e-9)
+    np.testing.assert_allclose(forces.acceleration.alpha, [0.5, -0.5, 0.2], atol=1e-9)
+    np.testing.assert_allclose(forces.lam_dot, preferred.lam_dot, atol=1e-9)
+    assert not any(np.asarray(x).any() for x in (forces.report.tilt, forces.report.thrust, forces.report.force))
+
+
+@pytest.mark.parametrize("thrust", [22.0, 26.0])
+def test_thrusts_stay_within_their_limits(thrust):
+    """Roll and pitch are kept while the vertical acceleration is not; forces and achieved acceleration agree."""
+    forces, _, _, onboard, now = allocated(allocator(), thrust, [0.5, 0, 2, 1, -1, 0])
+    found = thrusts(onboard, now, forces)
+    assert np.linalg.norm(found, axis=1).max() < thrust + 1e-3
+    assert (np.linalg.norm(found[:, :2], axis=1) <= np.tan(np.deg2rad(35)) * found[:, 2] + 1e-3).all()
+    demand = controller.tracking_demand(
+        onboard.team, now.estimate.payload, forces.acceleration, zero_residual(onboard.team)
+    )
+    W = grasp.payload_wrench(grasp.contact_points(onboard.team), now.estimate.payload.R, forces.lam)
+    np.testing.assert_allclose(W.F, demand.W.F, atol=1e-9)
+    np.testing.assert_allclose(W.tau, demand.W.tau, atol=1e-9)
+    np.testing.assert_allclose(forces.acceleration.alpha[:2], [1, -1], atol=1e-3)
+    roll_pitch, z, _, _ = np.asarray(forces.report.slack)
+    assert (roll_pitch < 1e-3, z > 1, bool(np.asarray(forces.report.thrust).any())) == (True, True, True)
+
+
+def test_contacts_press_within_their_friction_cones():
+    limits = constrained_allocation.ContactLimits(normals=NORMALS, friction=0.6, min_force=1.0, max_force=20.0)
+    forces, preferred, _, _, now = allocated(allocator(limits), 50, np.zeros(6))
+    lam = np.asarray(forces.lam @ now.estimate.payload.R)
+    normal = (lam * NORMALS).sum(1)
+    side = np.linalg.norm(lam - normal[:, None] * NORMALS, axis=1)
+    assert (normal > 1 - 1e-3).all()
+    assert (side < 0.6 * normal + 1e-3).all()
+    assert not (np.asarray(preferred.lam @ now.estimate.payload.R) * NORMALS > 1).all()
+    np.testing.assert_allclose(forces.acceleration.a, 0, atol=1e-3)
+
+
+def test_agents_and_integral_use_the_achieved_acceleration():
+    """The wrench of the log is the achieved one, and the next period receives the difference."""
+    _, _, state, onboard, now = allocated(allocator(), 22, [0, 0, 3, 0, 0, 0])
+    assert float(jnp.abs(state.multipliers).max()) > 0
+    _, next_state, telemetry = jax.jit(lambda c, now: c.control_law(c.init_control_law(), now))(onboard, now)
+    payload = onboard.team.payload
+    shortfall = np.asarray(telemetry.shortfall)
+    assert float(jnp.abs(next_state.allocator.multipliers).max()) > 0
+    assert shortfall[2] < -0.5
+    demanded, _ = onboard.payload_controller.compute((), now)
+    expected = float(payload.mass) * (np.asarray(demanded.a) + shortfall[:3] - np.asarray(onboard.team.gravity))
+    np.testing.assert_allclose(telemetry.W_d.F, expected, atol=1e-9)
+    integral = payload_controllers.IntegralAction(
+        base=onboard.payload_controller, K_i=jnp.array(0.0), k_i=jnp.array(0.0)
+    )
+    limited = dataclasses.replace(now, last_shortfall=jnp.asarray(shortfall))
+    _, (kept, _) = integral.compute(integral.init(), limited)
+    np.testing.assert_allclose(kept, -shortfall / 0.5 * float(now.clock.dt))
+    _, (free, _) = integral.compute(integral.init(), now)
+    np.testing.assert_array_equal(free, np.zeros(6))
+
+
+def test_position_error_is_bounded_by_its_norm():
+    experiment = paper.paper_experiment("C1")
+    onboard = experiment.controller
+    now = controller.context_at(onboard, experiment.initial_state, jnp.zeros(6), jnp.zeros(()))
+    e_p = np.asarray(now.estimate.payload.p - now.setpoint.p)
+    bounded = dataclasses.replace(onboard.payload_controller, position_error_bound=jnp.array(0.05))
+    (free, _), (command, _) = onboard.payload_controller.compute((), now), bounded.compute((), now)
+    K_p = np.asarray(onboard.payload_controller.gains.K_p)
+    expected = np.asarray(free.a) + K_p @ e_p - K_p @ e_p * 0.05 / np.linalg.norm(e_p)
+    np.testing.assert_allclose(command.a, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"friction": 0.5}, "requires the normal of each contact"),
+        ({"min_force": 1.0}, "requires the normal of each contact"),
+        ({"normals": NORMALS[:3]}, "3 normals for 4 contacts"),
+    ],
+)
+def test_incomplete_contact_limits_are_refused(limits, message):
+    with pytest.raises(ValueError, match=message):
+        allocator(constrained_allocation.ContactLimits(**limits))

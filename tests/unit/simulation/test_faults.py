@@ -1,0 +1,121 @@
+"""Tests of thrust losses and open contacts: inputs, forces, motion and momentum; no fault leaves a flight unchanged."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from colift.closed_loop import flight
+from colift.models import grasp
+from colift.models.parameters import Team
+from colift.models.state import AgentInput, zero_residual
+from colift.scenario import experiment
+from colift.simulation import contact_dynamics, faults
+from tests.support import paper_flights as paper
+from tests.support import small_team as light
+
+DYNAMICS = jax.jit(contact_dynamics.forward_dynamics)
+
+
+def released(compliance: float = faults.OPEN_COMPLIANCE) -> Team:
+    """Return the paper's team with an open contact of the first agent."""
+    team = paper.paper_experiment("C1").world.team
+    (group,) = team.agent_groups
+    value = jnp.zeros(group.contact_position.shape[:2]).at[0, 0].set(compliance)
+    return dataclasses.replace(team, agent_groups=(dataclasses.replace(group, contact_compliance=value),))
+
+
+def moving():
+    """Return a moving state of the paper's team and inputs near hover."""
+    setup = paper.paper_experiment("C1")
+    z, rng = setup.initial_state, np.random.default_rng(0)
+    (agents,) = z.agents
+    agents = dataclasses.replace(agents, r_dot=jnp.asarray(rng.normal(size=agents.r_dot.shape)))
+    payload = dataclasses.replace(z.payload, omega=jnp.array([0.1, 0.2, -0.1]))
+    z = contact_dynamics.project_to_constraints(
+        setup.world.team, dataclasses.replace(z, agents=(agents,), payload=payload)
+    )
+    return z, (AgentInput(u=jnp.array([28.0, 27.0]), tau=jnp.zeros((2, 3)), tau_r=jnp.zeros_like(agents.r)),)
+
+
+def losses(share: float, **times: float) -> faults.Faults:
+    loss = faults.ThrustLoss(
+        share=(jnp.array([share, 1.0]),), start=jnp.array(times["start"]), end=jnp.array(times.get("end", np.inf))
+    )
+    return faults.Faults(thrust=(loss,))
+
+
+@pytest.mark.parametrize(("t", "share"), [(0.99, 1.0), (1.0, 0.6), (1.99, 0.6), (2.0, 1.0)])
+def test_thrust_loss_scales_thrust_and_torque_of_one_agent(t, share):
+    inputs = (AgentInput(u=jnp.array([20.0, 30.0]), tau=jnp.ones((2, 3)), tau_r=jnp.ones((2, 4))),)
+    (acting,) = losses(0.6, start=1.0, end=2.0).limit(inputs, jnp.array(t))
+    np.testing.assert_allclose(acting.u, [20 * share, 30])
+    np.testing.assert_allclose(acting.tau, [[share] * 3, [1.0] * 3])
+    np.testing.assert_array_equal(acting.tau_r, inputs[0].tau_r)
+
+
+def test_simultaneous_losses_multiply():
+    one, two = losses(0.5, start=0.0), losses(0.8, start=0.0)
+    inputs = (AgentInput(u=jnp.array([20.0, 30.0]), tau=jnp.ones((2, 3)), tau_r=jnp.ones((2, 4))),)
+    (acting,) = faults.Faults(thrust=one.thrust + two.thrust).limit(inputs, jnp.array(1.0))
+    np.testing.assert_allclose(acting.u, [8.0, 30.0])
+
+
+def test_open_contact_bears_no_force():
+    """Newton's law of the payload holds with the other forces, and the closed contacts do not part."""
+    z, inputs = moving()
+    team = released()
+    a, (lam,) = DYNAMICS(team, z, inputs, zero_residual(team))
+    assert np.abs(lam[0, 0]).max() < 1e-9
+    force = team.payload.mass * (a.payload[:3] - team.gravity)
+    np.testing.assert_allclose(np.asarray(lam).reshape(-1, 3).sum(0), force, atol=1e-9)
+    plant = contact_dynamics.RigidContactPlant()
+    step = jax.jit(lambda z: plant.step(team, z, inputs, lambda z, s: zero_residual(team), jnp.asarray(0.002)))
+    for _ in range(20):
+        z = step(z)
+    closed = dataclasses.replace(team, agent_groups=paper.paper_experiment("C1").world.team.agent_groups)
+    gap = np.linalg.norm(grasp.constraint_residual(closed, z), axis=1)
+    assert gap[0] > 1e-3
+    assert gap[1:].max() < 1e-9
+    assert np.abs(grasp.constraint_residual(team, z)).max() < 1e-9  # counts closed contacts only
+
+
+def test_value_of_the_compliance_has_no_influence():
+    z, inputs = moving()
+    found = [DYNAMICS(released(value), z, inputs, zero_residual(released()))[0] for value in (1e11, 1e13)]
+    for one, two in zip(*map(jax.tree.leaves, found), strict=True):
+        np.testing.assert_allclose(one, two, atol=1e-7)
+
+
+def test_compliance_of_zero_is_a_closed_contact():
+    z, inputs = moving()
+    team = paper.paper_experiment("C1").world.team
+    found = [DYNAMICS(of, z, inputs, zero_residual(team))[1][0] for of in (team, released(0.0))]
+    np.testing.assert_allclose(found[0], found[1], atol=1e-12)
+
+
+def test_faults_of_a_scenario_act_in_the_flight():
+    """The logged thrust is the remaining share, the released contact has no force, and a stuck reading is held."""
+    settings = light.settings(
+        faults=light.faults(
+            {"kind": "thrust", "who": "n1", "start_s": 0.1, "end_s": 0.2, "to": 0.9},
+            {"kind": "contact", "who": "n2/hook", "start_s": 0.3},
+        )
+    )
+    setups = [experiment.make_experiment(of, "C1") for of in (settings, light.settings())]
+    rows, free = (flight.run_experiment(dataclasses.replace(setup, duration=0.35)).records for setup in setups)
+    t, before = rows.t, rows.t < 0.1 - 1e-9
+    np.testing.assert_array_equal(rows.u[before], free.u[before])
+    first = int(np.argmax(~before))
+    np.testing.assert_allclose(rows.u[first] / free.u[first], [1.0, 0.9, 1.0], rtol=1e-12)
+    opened = t > 0.3 - 1e-9
+    assert np.abs(rows.lam[opened, 2]).max() < 1e-8
+    assert np.linalg.norm(rows.lam[~opened, 2], axis=1).min() > 1
+
+
+def test_scenario_without_faults_has_none():
+    assert experiment.make_experiment(light.settings(), "C1").world.faults is None
