@@ -82,6 +82,7 @@ def test_killed_driver_loses_batches_in_flight_only(tmp_path: Path):
     assert campaigns.numbers(path, out) == undisturbed(path, tmp_path / "other")
 
 
+@pytest.mark.long
 def test_kills_at_random_moments_repeat_batches_in_flight_only(tmp_path: Path):
     """Driver, a worker, or all are killed at five moments; the final table equals that of an undisturbed campaign."""
     generator, flights = random.Random(0), 800

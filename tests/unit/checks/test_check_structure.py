@@ -30,11 +30,11 @@ def test_function_size(run):
 
 def test_package_entries(run):
     """Folders of data count; `__init__.py`, `__main__.py` and `py.typed` do not."""
-    files = {f"src/colift/part{i}/a.py": "" for i in range(15)}
+    files = {f"src/colift/part{i}/a.py": "" for i in range(16)}
     files |= {f"src/colift/{name}": "" for name in ("__init__.py", "__main__.py", "py.typed", "data/a.yaml")}
     assert not run("package-entries", files)
     (problem,) = run("package-entries", {"src/colift/extra.py": ""})
-    assert "17 entries" in problem.message
+    assert "18 entries" in problem.message
 
 
 def test_readme_limits(run):

@@ -69,6 +69,7 @@ def test_replayed_commands_equal_python(folder: Path, program: Path):
     assert found["max_relative_difference"] < 1e-12
 
 
+@pytest.mark.long
 def test_allocation_within_limits_equals_python(tmp_path: Path):
     """The exported code contains the iterations of the cone program, at a thrust limit below the team's need."""
     allocation = schema.ConstrainedAllocation(kind="constrained", tilt_deg=20)
