@@ -1,6 +1,6 @@
 """Solver of small cone programs with constant matrices by the alternating direction method of multipliers (ADMM).
 
-The unknown is ``x``, near a preferred value ``x_0``. Rows ``v = A x + b`` form blocks of three numbers:
+The unknown is ``x``, near a preferred value ``x_0``. Rows ``v = A x + b`` form blocks of three numbers::
 
     minimize 1/2 (x - x_0)^T P (x - x_0) + w_c sum_i dist(v_i, K_i) + w_z |e_f . n| + w_xy |e_f x n|
              + w_yaw |e_m . n| + w_rp |e_m x n|
