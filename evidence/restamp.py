@@ -63,6 +63,7 @@ ITEMS = {  # the item that is replayed, where it is not the first that is stored
     "starts": "3 x 1",
 }
 NONE = "absent"
+SMALL = 1e-6  # in SI units
 
 
 class Difference(NamedTuple):
@@ -111,10 +112,13 @@ def _numbers(*values: Any) -> bool:
 
 
 def relative(found: list[Difference]) -> float | None:
-    """Return the largest relative difference of numbers; None where something else differs."""
+    """Return the largest relative difference of numbers; None where something else differs.
+
+    Numbers below `SMALL` are compared relative to it: a residual of 1e-13 is a rounding error in all its digits.
+    """
     if not all(_numbers(one.old, one.new) for one in found):
         return None
-    return max((abs(one.old - one.new) / max(abs(one.old), abs(one.new)) for one in found), default=0.0)
+    return max((abs(one.old - one.new) / max(abs(one.old), abs(one.new), SMALL) for one in found), default=0.0)
 
 
 def code(files: Mapping[str, str]) -> str:

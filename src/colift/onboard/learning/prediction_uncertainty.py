@@ -146,7 +146,7 @@ def evaluate_along(
     for interval, start, end in zip(model_intervals, first, first[1:], strict=False):
         if end > start and not _has_samples(interval.model):  # the prior is equal at all states
             rows = slice(start, start + 1)
-            prior = _evaluate_block(interval, x[rows], [group[rows] for group in agents])
+            prior = _evaluate_block(interval, x[rows], [group[rows] for group in agents], states=1)
             blocks.append(jax.tree.map(lambda values, n=end - start: np.repeat(values, n, axis=0), prior))
             continue
         for block_start in range(start, end, BATCH_STATES):
@@ -173,9 +173,9 @@ def _has_samples(model: residual_model.ResidualModel) -> bool:
     return any(np.any(np.asarray(each.num_points) > 0) for each in (model.payload, *model.agents))
 
 
-def _pad(inputs: np.ndarray) -> Array:
-    """Return the inputs with zeros up to `BATCH_STATES` states."""
-    return jnp.asarray(np.pad(inputs, ((0, BATCH_STATES - len(inputs)), *[(0, 0)] * (inputs.ndim - 1))))
+def _pad(inputs: np.ndarray, states: int = BATCH_STATES) -> Array:
+    """Return the inputs with zeros up to a number of states."""
+    return jnp.asarray(np.pad(inputs, ((0, states - len(inputs)), *[(0, 0)] * (inputs.ndim - 1))))
 
 
 def _agent_label_bias(
@@ -190,10 +190,12 @@ def _agent_label_bias(
     return np.concatenate(blocks)
 
 
-def _evaluate_block(interval: ModelInterval, x: np.ndarray, agents: Sequence[np.ndarray]) -> tuple[Any, ...]:
-    """Evaluate standard deviations and error bounds of at most `BATCH_STATES` states."""
+def _evaluate_block(
+    interval: ModelInterval, x: np.ndarray, agents: Sequence[np.ndarray], states: int = BATCH_STATES
+) -> tuple[Any, ...]:
+    """Evaluate standard deviations and error bounds of at most a number of states."""
     n, model, bands = len(x), interval.model, interval.bands
-    padded, *padded_agents = (_pad(inputs) for inputs in (x, *agents))
+    padded, *padded_agents = (_pad(inputs, states) for inputs in (x, *agents))
     features = [model.features.agent(inputs) for inputs in padded_agents]
     payload = np.asarray(residual_model.payload_std(model, padded))
     agent_std = [
