@@ -141,7 +141,7 @@ def constant_motion(
             measured, omega, a = now
             # the filter takes the specific force in the body frame; here it is given in the world frame
             specific_force = past[0].R.T @ a
-            pose, bias, _, _ = nav_filter.complementary_update(
+            pose, bias, _, _ = nav_filter.update(
                 past, measured, omega, specific_force, jnp.zeros(3), still, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), pose
@@ -190,7 +190,7 @@ def test_imu_biases_are_estimated():
 
         def step(past: Any, _: None) -> tuple[Any, None]:
             specific_force = -R.T @ gravity + off.a
-            pose, bias, _, _ = nav_filter.complementary_update(
+            pose, bias, _, _ = nav_filter.update(
                 past, rest, off.omega, specific_force, gravity, filters, jnp.ones(()), jnp.array(DT)
             )
             return (pose, bias), None

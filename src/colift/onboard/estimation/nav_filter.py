@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -142,47 +143,30 @@ def update(
     filters: FilterBandwidths,
     initialized: Scalar,
     dt: Scalar,
-    clock: ReadingClock | None,
+    clock: ReadingClock | None = None,
 ) -> tuple[NavState, ImuBias, so3.Vector, so3.Vector]:
-    """Advance the filter of one body: `delayed_update` with a clock, `complementary_update` without one.
+    """Advance the complementary filter of one body by one control period.
 
-    Args:
-        previous: Pose and velocity, with their history if there is a clock, and biases of the previous control period.
-        measured: Measured pose and velocity.
-        omega: Angular velocity of the gyroscope [rad/s, body frame].
-        a: Specific force of the accelerometer [m/s^2, body frame].
-        gravity: Gravitational acceleration [m/s^2, world].
-        filters: Corner frequencies.
-        initialized: 0 in the first control period, 1 afterwards.
-        dt: Control period [s].
-        clock: Clock of the readings; None if all readings are new in every control period.
+    Readings of this period correct the prediction:
 
-    Returns:
-        As the two functions.
-    """
-    given = previous, measured, omega, a, gravity, filters, initialized, dt
-    return complementary_update(*given) if clock is None else delayed_update(*given, clock)
+        R = R_- exp(omega dt) exp(b e),   v = v_- + a dt + b (v_measured - v),   x = x_- + v dt + b (x_measured - x)
 
-
-def complementary_update(
-    previous: tuple[NavState, ImuBias],
-    measured: NavState,
-    omega: so3.Vector,
-    a: so3.Vector,
-    gravity: so3.Vector,
-    filters: FilterBandwidths,
-    initialized: Scalar,
-    dt: Scalar,
-) -> tuple[NavState, ImuBias, so3.Vector, so3.Vector]:
-    """Advance the complementary filter of one body by one control period, with readings of this period.
-
-    `R = R_- exp(omega dt) exp(b e)`, `v = v_- + a dt + b (v_measured - v)`, `x = x_- + v dt + b (x_measured - x)`.
     `e` is the skew part of the attitude error of the prediction, and b the smoothing factor. The biases follow
     `b_omega' = -k e` and `b_a' = -k R^T (v_measured - v)`. k is the product of the corner frequencies of fusion and
     bias [rad^2/s^2].
 
+    With a clock, a reading of age ``h`` that arrives in this period is compared with the estimate at ``t - h``. With
+    the history ``R_k, x_k, v_k`` of estimates k periods ago, all estimates are corrected:
+
+        R_k <- exp(b_R R_h e) R_k,   x_k <- x_k + b_x (x_measured - x_h),   v_k <- v_k + b_v (v_measured - v_h)
+
+    The smoothing factor b of a reading n periods after the previous one is `irregular_smoothing_factor`. Biases are
+    corrected n times as much. A reading older than the history is not used. For readings of every period without age
+    the result is that without a clock, up to rounding.
+
     Args:
-        previous: Pose, velocity and biases of the previous control period.
+        previous: Pose and velocity and biases of the previous control period; with a clock the history of pose and
+            velocity, newest first.
         measured: Measured pose and velocity.
         omega: Angular velocity of the gyroscope [rad/s, body frame].
         a: Specific force of the accelerometer [m/s^2, body frame].
@@ -190,20 +174,32 @@ def complementary_update(
         filters: Corner frequencies.
         initialized: 0 in the first control period, in which the measured values are taken over; 1 afterwards.
         dt: Control period [s].
+        clock: Ages of the readings, and whether they are new; None if all readings are new in every control period.
 
     Returns:
-        Pose and velocity, biases, and angular velocity and specific force without their biases, in the body frame.
+        Pose and velocity (with a clock their history), biases, and angular velocity and specific force without their
+        biases, in the body frame.
     """
     nav, bias = previous
     omega, specific_force = omega - bias.omega, a - bias.a
+    predicted = predict(newest(nav, clock), omega, specific_force, gravity, dt)
+    if clock is None:
+        fused, next_bias = _correct(predicted, bias, measured, filters, initialized, dt)
+    else:
+        fused, next_bias = _correct_history(_shift(nav, predicted), bias, measured, filters, initialized, dt, clock)
+    return fused, next_bias, omega, specific_force
+
+
+def _correct(
+    predicted: NavState, bias: ImuBias, measured: NavState, filters: FilterBandwidths, initialized: Scalar, dt: Scalar
+) -> tuple[NavState, ImuBias]:
+    """Correct the prediction and the biases by readings of this period."""
     b = initial_smoothing_factor(initialized, smoothing_factor(filters.complementary, dt))
-    predicted = predict(nav, omega, specific_force, gravity, dt)
     R, x, v = predicted.R, predicted.x, predicted.v
     e, e_v = so3.vee(R.T @ measured.R), measured.v - v
     k = initialized * dt * (2 * jnp.pi) ** 2 * filters.complementary * filters.imu_bias
     next_bias = ImuBias(omega=bias.omega - k * e, a=bias.a - k * (R.T @ e_v))
-    fused = NavState(R=R @ so3.exp(b * e), x=x + b * (measured.x - x), v=v + b * e_v)
-    return fused, next_bias, omega, specific_force
+    return NavState(R=R @ so3.exp(b * e), x=x + b * (measured.x - x), v=v + b * e_v), next_bias
 
 
 def initial_history(nav: NavState, length: int) -> NavState:
@@ -217,50 +213,22 @@ def initial_history(nav: NavState, length: int) -> NavState:
     return NavState(R=repeated(nav.R, 2), x=repeated(nav.x, 1), v=repeated(nav.v, 1))
 
 
-def delayed_update(
-    previous: tuple[NavState, ImuBias],
+def _shift(history: NavState, predicted: NavState) -> NavState:
+    """Return the history with the prediction as newest estimate, without the oldest one."""
+    return jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), predicted, history)
+
+
+def _correct_history(
+    history: NavState,
+    bias: ImuBias,
     measured: NavState,
-    omega: so3.Vector,
-    a: so3.Vector,
-    gravity: so3.Vector,
     filters: FilterBandwidths,
     initialized: Scalar,
     dt: Scalar,
     clock: ReadingClock,
-) -> tuple[NavState, ImuBias, so3.Vector, so3.Vector]:
-    """Advance the complementary filter of one body by one control period, with readings of their own age.
-
-    A reading of age ``h`` that arrives in this period is compared with the estimate at ``t - h``. With the history
-    ``R_k, x_k, v_k`` of estimates k periods ago, all estimates are corrected:
-
-        R_k <- exp(b_R R_h e) R_k,   x_k <- x_k + b_x (x_measured - x_h),   v_k <- v_k + b_v (v_measured - v_h)
-
-    The smoothing factor b of a reading n periods after the previous one is `irregular_smoothing_factor`. Biases are
-    corrected n times as much as in `complementary_update`. A reading older than the history is not used. For readings
-    of every period without age the result is that of `complementary_update`, up to rounding.
-
-    Args:
-        previous: History of pose and velocity, newest first, and biases of the previous control period.
-        measured: Measured pose and velocity.
-        omega: Angular velocity of the gyroscope [rad/s, body frame].
-        a: Specific force of the accelerometer [m/s^2, body frame].
-        gravity: Gravitational acceleration [m/s^2, world].
-        filters: Corner frequencies.
-        initialized: 0 in the first control period, in which the measured values are taken over; 1 afterwards.
-        dt: Control period [s].
-        clock: Ages of the readings, and whether they are new.
-
-    Returns:
-        History with the estimate of this period first, biases, and angular velocity and specific force without their
-        biases, in the body frame.
-    """
-    history, bias = previous
-    omega, specific_force = omega - bias.omega, a - bias.a
-    predicted = predict(newest(history, clock), omega, specific_force, gravity, dt)
-    R, x, v = (
-        jnp.concatenate([new[None], old[:-1]])
-        for new, old in ((predicted.R, history.R), (predicted.x, history.x), (predicted.v, history.v))
-    )
+) -> tuple[NavState, ImuBias]:
+    """Correct all estimates of the history and the biases by readings of their own age."""
+    R, x, v = history.R, history.x, history.v
     # one-hot rows: the period in which each reading was sampled; zero for a reading older than the history
     sampled = (jnp.abs(jnp.arange(len(R), dtype=float)[None] * dt - clock.age[:, None]) < 0.5 * dt).astype(float)
     used = clock.is_new * sampled.sum(1)
@@ -280,4 +248,4 @@ def delayed_update(
         x=start(measured.x, x + b[1] * used[1] * (measured.x - x_h)[None]),
         v=start(measured.v, v + b[2] * e_v[None]),
     )
-    return fused, next_bias, omega, specific_force
+    return fused, next_bias
