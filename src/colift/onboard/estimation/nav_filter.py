@@ -147,7 +147,7 @@ def update(
 ) -> tuple[NavState, ImuBias, so3.Vector, so3.Vector]:
     """Advance the complementary filter of one body by one control period.
 
-    Readings of this period correct the prediction:
+    Readings of this period correct the prediction::
 
         R = R_- exp(omega dt) exp(b e),   v = v_- + a dt + b (v_measured - v),   x = x_- + v dt + b (x_measured - x)
 
@@ -156,7 +156,7 @@ def update(
     bias [rad^2/s^2].
 
     With a clock, a reading of age ``h`` that arrives in this period is compared with the estimate at ``t - h``. With
-    the history ``R_k, x_k, v_k`` of estimates k periods ago, all estimates are corrected:
+    the history ``R_k, x_k, v_k`` of estimates k periods ago, all estimates are corrected::
 
         R_k <- exp(b_R R_h e) R_k,   x_k <- x_k + b_x (x_measured - x_h),   v_k <- v_k + b_v (v_measured - v_h)
 
