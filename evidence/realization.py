@@ -18,7 +18,7 @@ from evidence import collect
 from evidence.targets import Target, report
 from tests.support import planar_teams
 
-TEAMS = 56
+TEAMS = 200
 SEEDS = range(40_000, 40_000 + TEAMS)
 FACTORS = (0.8, 1.2)  # attitude gains relative to u l / I
 DURATION = 12.0  # s
