@@ -25,6 +25,10 @@ OUTPUT_TIME = 15.0
 """Estimated time for logs and figures after the flights [s]."""
 
 
+CALIBRATION = ("contact_forces.kind=least_squares", "contact_forces.calibration_s=10")
+"""Settings of the option `--calibrate`; settings of `--set` come after them."""
+
+
 def study(
     name: common.ScenarioArgument,
     out: common.OutOption = None,
@@ -54,6 +58,14 @@ def study(
             help="Also simulate each case with its last learned model, frozen, on trajectories without training data.",
         ),
     ] = False,
+    calibrate: Annotated[
+        bool,
+        typer.Option(
+            "--calibrate",
+            help="Estimate the contact forces without tip force sensors, after a calibration flight of 10 s without "
+            "payload; the same as --set contact_forces.kind=least_squares --set contact_forces.calibration_s=10.",
+        ),
+    ] = False,
     engine: common.EngineOption = None,
     replace: common.ReplaceOption = False,
     quiet: common.QuietOption = False,
@@ -71,6 +83,8 @@ def study(
 
     requested = list(experiment.PAPER_CASES) if cases is None else common.parse_cases(cases)
     selected = dict.fromkeys([*requested, *(experiment.BASELINES if baselines else ())])
+    if calibrate:
+        overrides = [*CALIBRATION, *(overrides or ())]
     read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)
     folder = common.results_folder(out, overrides, duration, seed, engine)
     _simulate(read, tuple(selected), folder, replace, quiet, as_json, held_out=held_out)

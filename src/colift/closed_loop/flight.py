@@ -13,7 +13,7 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable, Sequence
-from typing import Generic
+from typing import Generic, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +36,15 @@ from colift.onboard.learning.online_learner import (
 from colift.onboard.learning.prediction_uncertainty import LabelBiasModel, ModelInterval, PredictionUncertainty
 from colift.runtime import signals
 from colift.simulation.world import World
+
+
+@runtime_checkable
+class Calibration(Protocol):
+    """Calibration of a controller before a flight."""
+
+    def calibrated(self, controller: LeaderFollowerController) -> LeaderFollowerController:
+        """Return the calibrated controller; repeated calls do not repeat the computation."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,6 +70,7 @@ class Experiment(Generic[WorldT]):
         online_updates: Options of the periodic updates, if any.
         fit_latency: Time between an update and the activation of its model [s]; None: the computation time on this
             machine.
+        calibration: Calibration of the controller before the flight; None without one.
     """
 
     world: WorldT
@@ -78,6 +88,7 @@ class Experiment(Generic[WorldT]):
     seed: int
     online_updates: OnlineUpdateOptions | None = None
     fit_latency: float | None = 0.0
+    calibration: Calibration | None = None
 
     @property
     def loop_config(self) -> LoopConfig[WorldT, LeaderFollowerController]:
@@ -157,6 +168,9 @@ def run_experiment(
             flight = run_experiment(colift.make_experiment(scenario, "C1"))
             print(np.linalg.norm(flight.records.e_p[-1]))
     """
+    if experiment.calibration is not None:
+        controller = experiment.calibration.calibrated(experiment.controller)
+        experiment = dataclasses.replace(experiment, controller=controller, calibration=None)
     dt, setup = experiment.dt, experiment.loop_config
     chunk_ticks, ticks = ticks_per_chunk(experiment), round(experiment.duration / dt)
     model_updates = _ModelUpdates(experiment)
@@ -170,7 +184,7 @@ def run_experiment(
         chunk_start = done - done % chunk_ticks  # noise is drawn for whole chunks, so that updates do not change it
         chunk_end = min(chunk_start + chunk_ticks, ticks, *model_updates.event_ticks(done))
         start_time = time.perf_counter()
-        noise = _draw_noise(experiment.world, jax.random.fold_in(key, chunk_start), chunk_ticks)
+        noise = draw_noise(experiment.world, jax.random.fold_in(key, chunk_start), chunk_ticks)
         if done > chunk_start:
             noise = jax.tree.map(lambda x, offset=done - chunk_start: jnp.roll(x, -offset, axis=0), noise)
         loop, rows = rollout(setup, loop, noise, jnp.asarray(chunk_end - done))
@@ -274,7 +288,7 @@ class _ModelUpdates:
         return tuple(found)
 
 
-_draw_noise = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_argnums=2)
+draw_noise = jax.jit(lambda world, key, ticks: world.sample_noise(key, ticks), static_argnums=2)
 
 
 def _update_ticks(experiment: Experiment[World]) -> dict[int, bool]:

@@ -32,6 +32,10 @@ CORRECTOR = (
 """Prefixes of the other variables of a residual corrector, which logs of older schemas lack."""
 LIMITED = ("slack_", "allocation_", "tilt_limited", "thrust_limited", "friction_limited", "force_limited")
 """Prefixes of the variables that only allocators with limits log."""
+ESTIMATED = ("lam_std", "delta_W_hat", "delta_W_std")
+"""Prefixes of the variables of contact forces that are estimated without tip force sensors."""
+GROUPS = (CORRECTION, CORRECTOR, LIMITED, ESTIMATED)
+"""Groups of variables that only some controllers log."""
 COMPUTED = ("p_base",)
 """Variables that logs of older schemas lack."""
 DIM_SIZES = {"axis": 3, "body_axis": 3, "quaternion": 4}
@@ -131,14 +135,12 @@ def _labels(ds: xr.Dataset) -> Iterator[str]:
 
 def _variables(ds: xr.Dataset) -> Iterator[str]:
     """Yield faults of the variables: missing, of other dimensions, or no numbers."""
-    logged = [
-        group for group in (CORRECTION, CORRECTOR, LIMITED) if any(str(name).startswith(group) for name in ds.data_vars)
-    ]
+    logged = [group for group in GROUPS if any(str(name).startswith(group) for name in ds.data_vars)]
     for name, spec in log_signals.SPECS.items():
         time = "time" if name in log_signals.SIGNALS else "time_sigma"
         if name not in ds.data_vars:
             joint = next((dim for dim in spec.dims if dim in ("joint", "prismatic_joint")), None)
-            group = next((group for group in (CORRECTION, CORRECTOR, LIMITED) if name.startswith(group)), None)
+            group = next((group for group in GROUPS if name.startswith(group)), None)
             optional = name in COMPUTED or (group is not None and group not in logged)
             if not optional and (joint is None or joint in ds.coords):
                 yield f"the variable {name} is missing"

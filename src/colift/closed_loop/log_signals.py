@@ -103,6 +103,9 @@ SIGNALS = {
     "Phi": SignalSpec((), "m", "none", "largest constraint violation |Phi|"),
     "Phi_dot": SignalSpec((), "m/s", "none", "largest constraint rate |dPhi/dt|"),
     "min_delassus_singular_value": SignalSpec(AGENT, "1/kg", "none", "smallest singular value of A_j M_j^-1 A_j^T"),
+    "lam_std": SignalSpec(CONTACT, "N", "world", "standard deviation of the estimated contact force"),
+    **_wrench("delta_W_hat", NEWTON, "estimated wrench mismatch G lambda_hat - W_d"),
+    **_wrench("delta_W_std", NEWTON, "standard deviation of the estimated wrench mismatch"),
     **_wrench("correction_L", NEWTON, "correction of the payload residual, as applied"),
     "correction_x": SignalSpec(
         AGENT_VECTOR_DIMS, "N", "world", "correction of the residual force on an agent, as applied"
@@ -140,9 +143,9 @@ SIGNALS = {
 }
 """Variables on the axis `time`: the signals of `StepRecord`, quaternions and base positions.
 
-Variables from `correction_L_force` to `correction_nis` exist for controllers with a residual corrector, those after
-them for allocators with limits. Quaternions are continuous in
-time: their sign does not change between two ticks.
+Variables from `lam_std` to `delta_W_std_moment` exist for contact forces without tip force sensors, those from
+`correction_L_force` to `correction_nis` for controllers with a residual corrector, and those after them for allocators
+with limits. Quaternions are continuous in time: their sign does not change between two ticks.
 """
 
 UNCERTAINTY_SIGNALS = {

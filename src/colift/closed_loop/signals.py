@@ -73,6 +73,10 @@ class StepRecord:
     Phi: Float[Array, "*time"]  # m, largest constraint violation
     Phi_dot: Float[Array, "*time"]  # m/s, largest constraint rate
     min_delassus_singular_value: Float[Array, "*time agents"]  # 1/kg, smallest singular value of `A M^-1 A^T` by agent
+    # Only for estimates of the contact forces without tip force sensors
+    lam_std: Float[Array, "*time contacts 3"] | None = None  # N, standard deviation of lam_hat, world
+    delta_W_hat: Float[Array, "*time 6"] | None = None  # N world and N m payload frame, estimated wrench mismatch
+    delta_W_std: Float[Array, "*time 6"] | None = None  # N and N m, its standard deviation
     # Only for controllers with a residual corrector
     correction_L: Float[Array, "*time 6"] | None = None  # N, N m, correction of the payload, as applied
     correction_x: Float[Array, "*time agents 3"] | None = None  # N, correction of the agents, as applied
@@ -212,9 +216,24 @@ def make_record(
         Phi=jnp.abs(grasp.constraint_residual(team, z)).max(),
         Phi_dot=jnp.abs(grasp.constraint_rate(team, z)).max(),
         min_delassus_singular_value=grasp.min_delassus_singular_value(team, z),
+        **({} if telemetry.estimate.lam_covariance is None else _contact_force_signals(nominal, telemetry)),
         **({} if (correction := telemetry.correction) is None else _correction_signals(correction)),
         **({} if (allocation := telemetry.allocation) is None else _allocation_signals(allocation)),
     )
+
+
+def _contact_force_signals(nominal: Team, telemetry: interfaces.Telemetry) -> dict[str, Array]:
+    """Return the record fields of estimated contact forces, and of the wrench mismatch that follows from them."""
+    estimate = telemetry.estimate
+    P = estimate.lam_covariance
+    assert P is not None
+    lam = grasp.stack_contacts(estimate.lam)
+    G = grasp.grasp_matrix(grasp.contact_points(nominal), estimate.payload.R)
+    return {
+        "lam_std": jnp.sqrt(jnp.diagonal(P)).reshape(-1, 3),
+        "delta_W_hat": G @ lam.reshape(-1) - jnp.concatenate([telemetry.W_d.F, telemetry.W_d.tau]),
+        "delta_W_std": jnp.sqrt(jnp.diagonal(G @ P @ G.T)),
+    }
 
 
 def _allocation_signals(report: interfaces.AllocationReport) -> dict[str, Array]:

@@ -32,7 +32,7 @@ from colift.onboard.control.allocation import (
     least_squares_allocation,
     squeeze,
 )
-from colift.onboard.estimation import nav_filter, state_estimator
+from colift.onboard.estimation import contact_forces, nav_filter, state_estimator
 from colift.onboard.learning import kalman_correction, label_filter, residual_correction, residual_predictors
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
@@ -156,6 +156,21 @@ def _constrained(
     return constrained_allocation.constrained_allocator(nominal, base, float(np.deg2rad(given.tilt_deg)), limits)
 
 
+def _contact_forces(settings: schema.Scenario, nominal: Team) -> contact_forces.ContactForceEstimator:
+    """Return the estimator of the contact forces, before a calibration flight."""
+    if isinstance(settings.contact_forces, schema.TipSensors):
+        return contact_forces.TipSensors()
+    payload, agents = priors.residual_std(settings, nominal)
+    mass = nominal.payload.mass + sum(group.mass.sum() for group in nominal.agent_groups)
+    return contact_forces.ResidualPriorEstimator(
+        agent_information=tuple(jnp.diag(std**-2) for std in agents),
+        payload_information=(
+            jnp.diag(payload**-2) if isinstance(settings.contact_forces, schema.LeastSquaresForces) else None
+        ),
+        contact_force_std=mass * jnp.linalg.norm(nominal.gravity),
+    )
+
+
 def make_controller(settings: schema.Scenario, nominal: Team) -> controller.LeaderFollowerController:
     """Return the controller of case C1, which records no samples and learns no residuals.
 
@@ -185,7 +200,11 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     default = controller.LeaderFollowerController(
         team=nominal,
         reference=trajectories.make_reference(settings),
-        estimator=state_estimator.ComplementaryFilter(filters=_filters(settings), pose_delay=_pose_delay(settings)),
+        estimator=state_estimator.ComplementaryFilter(
+            filters=_filters(settings),
+            contact_forces=_contact_forces(settings, nominal),
+            pose_delay=_pose_delay(settings),
+        ),
         recorder=recorder(
             sample_period=array(1 / learning.sample_Hz),
             start=array(learning.start_s),

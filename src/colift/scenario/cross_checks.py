@@ -39,6 +39,7 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
         *_delays(data),
         *_mass_steps(data),
         *_faults(data),
+        *_calibration(data),
     ]
 
 
@@ -400,6 +401,16 @@ def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
     if not math.isnan(added) and _part(data, "physics", "kind") == "mujoco":
         yield ("payload_mass_step",), "physics mujoco does not support it; use kind: rigid"
+
+
+def _calibration(data: dict[str, Any]) -> Iterator[ErrorMessage]:
+    """Check that a calibration flight records samples for its models and for their errors."""
+    duration, start = _number(data, "contact_forces", "calibration_s"), _number(data, "learning", "start_s")
+    if 0 < duration < start + 2:
+        yield (
+            ("contact_forces", "calibration_s"),
+            f"must be 0, or at least 2 s after learning.start_s: {start + 2:g}, got {duration:g}",
+        )
 
 
 PAYLOAD_READINGS, AGENT_READINGS = ("p", "R", "v", "omega", "a"), ("x", "R", "v", "omega", "a", "r", "lam")

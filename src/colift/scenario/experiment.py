@@ -29,6 +29,7 @@ from colift.scenario import (
     Scenario,
     ScenarioError,
     assumptions,
+    calibration,
     controllers,
     disturbances,
     initial_states,
@@ -101,6 +102,7 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         seed=settings.seed,
         fit_latency=None if given.fit_latency == "measured" else given.fit_latency,
     )
+    c1 = dataclasses.replace(c1, calibration=calibration.make_calibration(settings, c1))
     check_plugin(part_checks.check_parts, c1)
     termination.true_hover_thrust(settings, truth, controller, sources)
     return {case: _case_experiment(case, c1, settings) for case in cases}

@@ -258,7 +258,7 @@ REMOVED: dict[tuple[str, str], tuple[Any, str | None]] = {
     ("innovation", "fade_s"): (0.3, None),
     ("innovation", "patience_s"): (
         0.02,
-        "the field max_reading_age of colift.onboard.estimation.state_estimator.ComplementaryFilter",
+        "the field max_reading_age of colift.onboard.estimation.contact_forces.TipSensors",
     ),
     ("innovation", "age_s"): (20.0, None),
     ("innovation", "settle_s"): (0.5, None),

@@ -8,13 +8,14 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from colift import gp
 from colift.models.parameters import Team
 from colift.onboard.learning import model_update, residual_model, semiparametric
 from colift.onboard.learning.features import DefaultFeatures, Features
 from colift.scenario import schema
-from colift.scenario.conversion import build_plugin
+from colift.scenario.conversion import array, build_plugin
 from colift.scenario.errors import ScenarioError
 
 
@@ -136,6 +137,32 @@ def mean_prior(
         ),
         agents=np.array([drag, thrust_bias_std, *[constant * agent.force_N] * 3]),
         nominal_payload=nominal.payload,
+    )
+
+
+def residual_std(
+    settings: schema.Scenario, nominal: Team
+) -> tuple[Float[Array, "6"], tuple[Float[Array, "_outputs"], ...]]:
+    """Return the standard deviations of the residuals in hover before any data.
+
+    They combine the signal's standard deviation with those of the mean parameters (`mean_prior`): a constant force or
+    moment, the payload's mass and first moments times gravity, and the thrust bias of an agent.
+
+    Args:
+        settings: Scenario.
+        nominal: Nominal parameters.
+
+    Returns:
+        Standard deviations of the payload's residual, and of the agents' residuals by group [N, N m].
+    """
+    prior, g = mean_prior(settings, nominal), float(jnp.linalg.norm(nominal.gravity))
+    load, agent = settings.learning.payload.signal_std, settings.learning.agents.signal_std
+    force = np.sqrt(load.force_N**2 + prior.payload[8:11] ** 2 + np.array([0, 0, prior.payload[0] * g]) ** 2)
+    moment = np.sqrt(load.moment_Nm**2 + prior.payload[11:14] ** 2 + (prior.payload[1:4] * g) ** 2)
+    agent_force = np.sqrt(agent.force_N**2 + prior.agents[2:5] ** 2 + np.array([0, 0, prior.agents[1]]) ** 2)
+    return array([*force, *moment]), tuple(
+        array([*agent_force, *[agent.moment_Nm] * 3, *[agent.joint_torque_Nm] * group.tree.joints])
+        for group in nominal.agent_groups
     )
 
 

@@ -14,10 +14,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.filters import smoothing_factor
-from colift.math.pytree import pytree
+from colift.math.pytree import pytree, static
 from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import ControlClock, ResidualForces, ResidualFunctionType, State, TeamInputs, zero_residual
+from colift.models.state import (
+    ControlClock,
+    ResidualForces,
+    ResidualFunctionType,
+    State,
+    TeamInputs,
+    Wrench,
+    zero_residual,
+)
 from colift.simulation import contact_dynamics, disturbances
 from colift.simulation import sensors as sensors_module
 from colift.simulation.actuators import IdealActuators
@@ -159,6 +167,7 @@ class SimulatedWorld:
     sensor_models: tuple[sensors_module.SensorModel, ...]  # additional sensors
     mass_step: PayloadMassStep | None = None  # change of the payload mass; None without one
     faults: Faults | None = None  # faults of rotors and contacts; None without one
+    payload_on_ground: bool = static(default=False)  # True: the ground bears the payload, which is not held
 
     def team_at(self, t: Scalar) -> Team:
         """Return the true parameters at time t [s]."""
@@ -231,7 +240,11 @@ class SimulatedWorld:
             The forces on agents and payload, scaled by `disturbance_scale`.
         """
         f = disturbances.disturbance_forces(self.disturbances, self.team, state, t, disturbance_state)
-        return jax.tree.map(lambda x: self.disturbance_scale * x, f)
+        f = jax.tree.map(lambda x: self.disturbance_scale * x, f)
+        if self.payload_on_ground:
+            weight = self.team.payload.mass * self.team.gravity
+            f = dataclasses.replace(f, payload=Wrench(F=-weight, tau=jnp.zeros(3)))
+        return f
 
     def measure(self, state: WorldState, clock: ControlClock, noise: WorldNoise) -> tuple[Measurement, WorldState]:
         """Compute the measurement at the current tick, with the inputs of the last tick still acting.

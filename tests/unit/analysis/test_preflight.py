@@ -19,7 +19,7 @@ from colift.analysis import feasibility, loop_checks, preflight, reference_loads
 from colift.analysis.findings import Level, Verdict
 from colift.cli.app import app
 from colift.onboard.control import label_feedback
-from colift.onboard.estimation import state_estimator
+from colift.onboard.estimation import contact_forces
 from colift.scenario import (
     Scenario,
     experiment,
@@ -351,7 +351,7 @@ def test_large_label_loop_gain_is_reported(monkeypatch: pytest.MonkeyPatch):
     small_gain, large_gain = scenario.load_scenario("trio"), scenario.load_scenario("seven")
     for settings in (small_gain, large_gain):
         assert not list(preflight._labels(settings, team.team(settings)[1]))
-    monkeypatch.setattr(state_estimator, "MIN_LEVER", 1e6)
+    monkeypatch.setattr(contact_forces, "MIN_LEVER", 1e6)
     not_compiled = label_feedback._posture_motion.__wrapped__
     monkeypatch.setattr(label_feedback, "_posture_motion", jax.jit(lambda *of: not_compiled(*of)))
     assert not list(preflight._labels(small_gain, team.team(small_gain)[1]))

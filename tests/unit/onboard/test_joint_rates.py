@@ -12,14 +12,14 @@ import pytest
 from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator, KinematicTree
 from colift.models.state import PayloadState
-from colift.onboard.estimation import nav_filter, state_estimator
+from colift.onboard.estimation import contact_forces, nav_filter, state_estimator
 from tests.support import random_teams as teams
 from tests.support.pinocchio_team import PinocchioTeam, take
 
 LONG_CHAIN = KinematicTree(parents=tuple(range(7)), prismatic=(False,) * 7, tip_bodies=(7,))
 TREES = (*teams.TREES, LONG_CHAIN)
 TEAM = tuple((tree, 1) for tree in TREES)
-LEVER = state_estimator.MIN_LEVER
+LEVER = contact_forces.MIN_LEVER
 
 
 @jax.jit

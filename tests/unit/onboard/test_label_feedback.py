@@ -16,7 +16,7 @@ from colift.math.pytree import pytree
 from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.onboard.control import label_feedback, redundancy, tracking
-from colift.onboard.estimation import state_estimator
+from colift.onboard.estimation import contact_forces, state_estimator
 from colift.onboard.estimation.nav_filter import FilterBandwidths
 from colift.scenario import experiment
 
@@ -82,7 +82,7 @@ def test_rate_attenuation_is_one_to_a_half_and_zero_from_one():
 
 
 HEAVY_ARMS = arms(0.25, 0.3)
-ENCODERS_ALONE = mock.patch.object(state_estimator, "MIN_LEVER", 1e6)
+ENCODERS_ALONE = mock.patch.object(contact_forces, "MIN_LEVER", 1e6)
 
 
 @pytree

@@ -219,7 +219,7 @@ def run_estimator(
 ) -> tuple[state_estimator.StateEstimate, state_estimator.EstimatorState]:
     """Return estimates and states of all steps of a stream of measurements."""
     f_hat = zero_residual(team) if f_hat is None else f_hat
-    of = state_estimator.ComplementaryFilter(filters=filters, max_reading_age=jnp.array(0.02))
+    of = state_estimator.ComplementaryFilter(filters=filters)
 
     def step(state: state_estimator.EstimatorState, m: measurement.Measurement) -> tuple:
         q_hat, state = of.update(team, state, m, applied, f_hat, ControlClock(t=jnp.zeros(()), dt=jnp.array(DT)))

@@ -127,7 +127,7 @@ def test_constants_of_algorithms_have_their_stated_values():
         "decay_rate": corrector.decay_rate,
         "max_bandwidth": corrector.max_bandwidth,
         "noise_averaging_time": corrector.noise_averaging_time,
-        "max_reading_age": estimator.max_reading_age,
+        "max_reading_age": estimator.contact_forces.max_reading_age,
         "bandwidth_ratio": lag.bandwidth_ratio,
         "preview_step": controller.preview_step,
         "lead_time": held.lead_time,

@@ -1,15 +1,253 @@
-"""Contact forces from the equations of motion of an agent, for periods without tip force readings.
+"""Contact forces from the equations of motion, with and without tip force sensors.
+
+The equations of motion of an agent contain its residual ``f_j`` and its contact forces ``lam_j``, those of the payload
+its residual ``f_L`` and the wrench of all contact forces::
+
+    f_j = y_j + A_j lam_j,    f_L = y_L - G lam
+
+Here ``y_j`` and ``y_L`` follow from accelerations, momenta and inputs. No motion separates contact forces from
+residuals: ``lam + d`` with ``f_j + A_j d_j`` and ``f_L - G d`` satisfies the same equations for every d. Contact forces
+therefore come from tip force sensors, or from priors of the residuals.
+
+References:
+    De Luca, Albu-Schaeffer, Haddadin, Hirzinger, *Collision detection and safe reaction with the DLR-III lightweight
+    manipulator arm*, IROS 2006 (generalized-momentum observer).
+    Kay, *Fundamentals of Statistical Signal Processing: Estimation Theory*, 1993, ch. 11 (Bayesian linear model).
 
 See Also:
-    docs/learning: labels without tip force readings.
+    docs/sensors: which estimator requires which sensors.
 """
 
 from __future__ import annotations
 
+from typing import Protocol, runtime_checkable
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math import linalg
+from colift.math.pytree import constant, pytree
+from colift.models import grasp
+from colift.models.parameters import Team
+from colift.models.state import ResidualForces, flatten_agent_force
+from colift.onboard.learning import residual_model
+
+Scalar = Float[Array, ""]
+
+MIN_LEVER = 0.01
+"""Tip motion per joint motion below which a joint rate is measured by the encoder [m/rad or 1].
+
+Moments of contact forces with a smaller lever determine no difference between the forces of an agent's arms.
+"""
+
+
+@pytree
+class AgentBalance:
+    """Equations of motion of the agents of a group, ``f = y + A lam``, in one control period.
+
+    Attributes:
+        R: Attitudes of the bases, body to world.
+        y: Residual without contact forces: force [N, world], moments [N m, base frame], joint torques [N m or N].
+        J_tip: Jacobians of the tips, base frame, by arm [m or 1]; the moments of ``A lam`` are their transposes.
+        measured: Tip force readings, on the payload [N, base frame].
+        x: Inputs of the residual models.
+    """
+
+    R: Float[Array, "*agents 3 3"]
+    y: Float[Array, "*agents outputs"]
+    J_tip: Float[Array, "*agents arms 3 xi"]
+    measured: Float[Array, "*agents arms 3"]
+    x: Float[Array, "*agents inputs"]
+
+
+@pytree
+class PayloadBalance:
+    """Equations of motion of the payload, ``f_L = y - G lam``, in one control period.
+
+    Attributes:
+        R: Attitude of the payload, payload frame to world.
+        y: Residual without contact forces [N world, N m payload frame].
+    """
+
+    R: Float[Array, "3 3"]
+    y: Float[Array, "6"]
+
+
+@pytree
+class ContactForces:
+    """Contact forces on the payload.
+
+    Attributes:
+        base_frame: Contact forces [N, base frame of their agent], by group.
+        valid: 1 if labels of the agents exist and may be used for training.
+        covariance: Covariance of the contact forces [N^2, world], contacts in team order; None for readings.
+    """
+
+    base_frame: tuple[Float[Array, "_agents _arms 3"], ...]
+    valid: Scalar
+    covariance: Float[Array, "components components"] | None = None
+
+
+@runtime_checkable
+class ContactForceEstimator(Protocol):
+    """Protocol of the estimators of contact forces."""
+
+    def estimate(
+        self,
+        team: Team,
+        agents: tuple[AgentBalance, ...],
+        payload: PayloadBalance,
+        reading_age: Scalar,
+        f_hat: ResidualForces,
+    ) -> ContactForces:
+        """Return the contact forces of one control period.
+
+        Args:
+            team: Nominal parameters.
+            agents: Equations of motion of the agents, by group.
+            payload: Equations of motion of the payload.
+            reading_age: Age of the tip force readings [s].
+            f_hat: Residual forces compensated in the previous control period.
+        """
+        ...
+
+
+@pytree
+class TipSensors:
+    """Contact forces from tip force sensors.
+
+    If the readings are too old, contact forces follow from the agents' equations of motion with their compensated
+    residuals (`reconstruct_contact_forces`).
+
+    Attributes:
+        max_reading_age: Largest age of a tip reading that is used [s].
+    """
+
+    max_reading_age: Scalar = constant(0.02)
+
+    def estimate(
+        self,
+        team: Team,
+        agents: tuple[AgentBalance, ...],
+        payload: PayloadBalance,
+        reading_age: Scalar,
+        f_hat: ResidualForces,
+    ) -> ContactForces:
+        """Return the readings, or the reconstructed forces; see `ContactForceEstimator`."""
+        valid = (reading_age <= self.max_reading_age + 1e-9).astype(float)
+        lam = []
+        for each, f in zip(agents, f_hat.agents, strict=True):
+            reconstructed = jax.vmap(reconstruct_contact_forces)(each.J_tip, each.R, flatten_agent_force(f) - each.y)
+            lam.append(jnp.where(valid > 0, each.measured, reconstructed))
+        return ContactForces(base_frame=tuple(lam), valid=valid)
+
+
+@pytree
+class FreeFlight:
+    """Zero contact forces, for agents that do not hold the payload."""
+
+    def estimate(
+        self,
+        team: Team,
+        agents: tuple[AgentBalance, ...],
+        payload: PayloadBalance,
+        reading_age: Scalar,
+        f_hat: ResidualForces,
+    ) -> ContactForces:
+        """Return zero; see `ContactForceEstimator`."""
+        return ContactForces(base_frame=tuple(jnp.zeros_like(each.measured) for each in agents), valid=jnp.ones(()))
+
+
+@pytree
+class ResidualPriorEstimator:
+    """Contact forces from the equations of motion with a Gaussian prior of the residuals, without tip force sensors.
+
+    With ``f_j ~ N(mu_j, S_j)``, ``f_L ~ N(0, S_L)`` and ``lam ~ N(0, s^2 I)`` the posterior is that of the
+    Bayesian linear model (Kay 1993, Theorem 11.1)::
+
+        P = (sum_j A_j^T S_j^-1 A_j + G^T S_L^-1 G + I / s^2)^-1
+        lam_hat = P (sum_j A_j^T S_j^-1 (mu_j - y_j) + G^T S_L^-1 y_L)
+
+    Without a prior of the payload each agent is separate. The result is then a generalized-momentum observer: y_j
+    contains differences of momenta that pass a first-order filter.
+
+    Noise of ``y_j`` with the covariance N_j is not part of the weights, since the label filter averages it out. It adds
+    ``P (sum_j A_j^T S_j^-1 N_j S_j^-1 A_j) P`` to the covariance of one control period.
+
+    The prior stays as it is during a flight. Labels depend on it, so a prior that is fitted to them confirms itself.
+
+    Attributes:
+        agent_information: Inverse covariances ``S_j^-1`` by group, with outputs in N and N m.
+        payload_information: Inverse covariance ``S_L^-1``; None if the residual of the payload has no prior.
+        contact_force_std: Standard deviation s of the contact forces [N].
+        noise: Covariances ``N_j`` by group, with outputs in N and N m; None if they are not known.
+        prior: Residual model whose agents are the prior means; None for zero means.
+    """
+
+    agent_information: tuple[Float[Array, "_outputs _outputs"], ...]
+    payload_information: Float[Array, "6 6"] | None
+    contact_force_std: Scalar
+    noise: tuple[Float[Array, "_outputs _outputs"], ...] | None = None
+    prior: residual_model.ResidualModel | None = None
+
+    def estimate(
+        self,
+        team: Team,
+        agents: tuple[AgentBalance, ...],
+        payload: PayloadBalance,
+        reading_age: Scalar,
+        f_hat: ResidualForces,
+    ) -> ContactForces:
+        """Return the posterior mean and covariance of the contact forces; see `ContactForceEstimator`."""
+        blocks, noise_blocks, b = [], [], []
+        means = None if self.prior is None else residual_model.predict_agents(self.prior, tuple(a.x for a in agents))
+        for i, (each, information) in enumerate(zip(agents, self.agent_information, strict=True)):
+            mu = jnp.zeros_like(each.y) if means is None else flatten_agent_force(means[i])
+            A = jax.vmap(contact_force_map)(each.J_tip, each.R)
+            weighted = linalg.matmul(linalg.transpose(A), information[None])
+            blocks.extend(linalg.matmul(weighted, A))
+            b.extend(linalg.matvec(weighted, mu - each.y))
+            if self.noise is not None:
+                noise_blocks.extend(
+                    linalg.matmul(linalg.matmul(weighted, self.noise[i][None]), linalg.transpose(weighted))
+                )
+        H, rhs = _block_diagonal(blocks), jnp.concatenate(b)
+        if self.payload_information is not None:
+            G = grasp.grasp_matrix(grasp.contact_points(team), payload.R)
+            weighted = G.T @ self.payload_information
+            H, rhs = H + weighted @ G, rhs + weighted @ payload.y
+        H = H + jnp.eye(len(H)) / self.contact_force_std**2
+        solution = linalg.solve(H, jnp.concatenate([rhs[:, None], jnp.eye(len(H))], axis=1))
+        P = solution[:, 1:]
+        world = grasp.split_contacts(team, solution[:, 0].reshape(-1, 3))
+        return ContactForces(
+            base_frame=tuple(linalg.matmul(lam, each.R) for lam, each in zip(world, agents, strict=True)),
+            valid=jnp.ones(()),
+            covariance=P if self.noise is None else P + P @ _block_diagonal(noise_blocks) @ P,
+        )
+
+
+def contact_force_map(J_tip: Float[Array, "arms 3 xi"], R: Float[Array, "3 3"]) -> Float[Array, "outputs contacts"]:
+    """Return the matrix ``A`` from the contact forces of all arms, world frame, to the generalized force ``A lam``.
+
+    Args:
+        J_tip: Jacobians of the tips, base frame, by arm [m or 1].
+        R: Attitude of the base, body to world.
+    """
+    arms = len(J_tip)
+    moments = linalg.matmul(linalg.transpose(J_tip), R.T[None]).transpose(1, 0, 2)
+    return jnp.concatenate([jnp.tile(jnp.eye(3), (1, arms)), moments.reshape(-1, 3 * arms)])
+
+
+def _block_diagonal(blocks: list[Float[Array, "_n _n"]]) -> Float[Array, "n n"]:
+    """Return the block-diagonal matrix of some square blocks."""
+    n, start, rows = sum(len(block) for block in blocks), 0, []
+    for block in blocks:
+        stop = start + len(block)
+        rows.append(jnp.pad(block, ((0, 0), (start, n - stop))))
+        start = stop
+    return jnp.concatenate(rows)
 
 
 def contact_jacobian(J_tip: Float[Array, "arms 3 xi"]) -> Float[Array, "xi contacts"]:
@@ -35,7 +273,7 @@ def reconstruct_contact_forces(
     J_tip: Float[Array, "arms 3 xi"],
     R: Float[Array, "3 3"],
     A_lam: Float[Array, "outputs"],
-    min_lever: float,
+    min_lever: float = MIN_LEVER,
 ) -> Float[Array, "arms 3"]:
     """Compute the contact forces that agree with the equations of motion of an agent.
 
@@ -52,14 +290,14 @@ def reconstruct_contact_forces(
         min_lever: Lever below which the moments determine no difference between the arms [m].
 
     Returns:
-        Contact forces on the payload [N, world].
+        Contact forces on the payload [N, base frame].
     """
     arms = len(J_tip)
-    lam = jnp.tile(A_lam[:3] / arms, (arms, 1))
+    lam = jnp.tile(R.T @ A_lam[:3] / arms, (arms, 1))
     if arms == 1:
         return lam
     J = contact_jacobian(J_tip)
     B = J - jnp.tile(J.reshape(-1, arms, 3).mean(1), arms)  # of the differences between the arms
-    difference = regularized_pseudoinverse(B, min_lever) @ (A_lam[3:] - J @ (lam @ R).reshape(-1))
-    difference = difference.reshape(arms, 3) @ R.T
+    difference = regularized_pseudoinverse(B, min_lever) @ (A_lam[3:] - J @ lam.reshape(-1))
+    difference = difference.reshape(arms, 3)
     return lam + difference - difference.mean(0, keepdims=True)  # the mean is zero up to rounding

@@ -15,6 +15,9 @@ See Also:
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -28,7 +31,7 @@ from colift.math.filters import (
     steady_state,
     update,
 )
-from colift.math.pytree import constant, pytree, static
+from colift.math.pytree import pytree, static
 from colift.models import aerial_manipulator, grasp, inverse_dynamics
 from colift.models.measurement import AgentReading, Measurement
 from colift.models.parameters import AerialManipulator, Team
@@ -39,21 +42,19 @@ from colift.models.state import (
     PayloadState,
     ResidualForces,
     TeamInputs,
-    flatten_agent_force,
     flatten_agent_state,
     flatten_payload_state,
 )
 from colift.onboard.estimation import contact_forces, nav_filter
+from colift.onboard.estimation.contact_forces import (
+    AgentBalance,
+    ContactForceEstimator,
+    PayloadBalance,
+    TipSensors,
+)
 from colift.onboard.estimation.nav_filter import FilterBandwidths, ImuBias, NavState, ReadingClock
 
 Scalar = Float[Array, ""]
-
-
-MIN_LEVER = 0.01
-"""Tip motion per joint motion below which a joint rate is measured by the encoder [m/rad or 1].
-
-Moments of contact forces with a smaller lever determine no difference between the forces of an agent's arms.
-"""
 
 
 def encoder_share(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "n_r n_r"]:
@@ -73,8 +74,8 @@ def encoder_share(agent: AerialManipulator, g: aerial_manipulator.ForwardKinemat
 
 
 def _rate_gain(B: Float[Array, "tips n_r"]) -> Float[Array, "n_r tips"]:
-    """Return `G = (B^T B + s^2 I)^-1 B^T`, nearly the pseudoinverse of B, with `s = MIN_LEVER`."""
-    return contact_forces.regularized_pseudoinverse(B, MIN_LEVER)
+    """Return `G = (B^T B + s^2 I)^-1 B^T`, nearly the pseudoinverse of B, with `s = contact_forces.MIN_LEVER`."""
+    return contact_forces.regularized_pseudoinverse(B, contact_forces.MIN_LEVER)
 
 
 def _tip_jacobian(agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics) -> Float[Array, "tips n_r"]:
@@ -97,8 +98,8 @@ def joint_rates(
         r_dot = r_dot_e + G (R^T (v_L + R_L (w_L x c) - v) - w x rho - B r_dot_e)
 
     with the rate `r_dot_e` of the encoders, which determines motions that do not move the tips, and
-    `G = (B^T B + s^2 I)^-1 B^T`, `s = MIN_LEVER`. Terms of the dynamics are quadratic in the rates, so that the
-    variance of a rate adds to their mean. Differenced encoder readings have a large variance.
+    `G = (B^T B + s^2 I)^-1 B^T`, `s = contact_forces.MIN_LEVER`. Terms of the dynamics are quadratic in the
+    rates, so that the variance of a rate adds to their mean. Differenced encoder readings have a large variance.
 
     Args:
         agent: Nominal parameters of one agent.
@@ -157,15 +158,15 @@ class EstimatorState:
 class TrainingSample:
     """Inputs of the learned models with their labels, in one control period.
 
-    Samples for training require tip readings: without them the payload's label depends on the prediction of the agents'
-    residuals. The filtered inputs and labels are then held, and `valid` is 0. The payload's label before the filter
-    exists in every period.
+    Samples for training require tip readings or a prior of the residuals. Without both, the payload's label depends on
+    the prediction of the agents' residuals. The filtered inputs and labels are then held, and `valid` is 0. The
+    payload's label before the filter exists in every period.
     """
 
     payload: tuple[Float[Array, "24"], Float[Array, "6"]]  # input; label, N world and N m payload frame
     agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]  # the same, by group
     unfiltered: tuple[Float[Array, "6"], tuple[Float[Array, "agents outputs"], ...]]  # labels before the label filter
-    valid: Float[Array, ""]  # 1 if the tip readings are recent: agents have labels, and the sample is for training
+    valid: Float[Array, ""]  # 1 if agents have labels, and the sample is for training
     sample_interval: Float[Array, ""]  # s, since the previous period with valid = 1
 
 
@@ -177,26 +178,27 @@ class StateEstimate:
     payload: PayloadState  # estimated payload state
     a_L: Float[Array, "6"]  # payload acceleration, m/s^2 world and rad/s^2 payload frame; the latter is not filtered
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces on the payload, world, by group: as measured, or
-    # from the agents' equations of motion if the tip readings are too old
+    # from the equations of motion
+    lam_covariance: Float[Array, "components components"] | None = None  # N^2, world, contacts in team order; None for
+    # measured contact forces
     sample: TrainingSample | None = None  # None if the estimator computes no labels
 
 
 @pytree
 class ComplementaryFilter:
-    """Default estimator: a complementary filter per body, and labels by the nominal equations.
+    """Default estimator: a complementary filter per body, contact forces, and labels by the nominal equations.
 
-    If the tip readings are too old, contact forces follow from the agents' equations of motion with their compensated
-    residuals. Implements the protocol ``Estimator``.
+    Implements the protocol ``Estimator``.
 
     Attributes:
         filters: Corner frequencies of all filters.
-        max_reading_age: Largest age of a tip reading that is used [s].
+        contact_forces: Estimator of the contact forces.
         pose_delay: Largest delay of readings of poses and velocities, in control periods; None if all of them are new
             in every control period.
     """
 
     filters: FilterBandwidths
-    max_reading_age: Scalar = constant(0.02)
+    contact_forces: ContactForceEstimator = TipSensors()
     pose_delay: int | None = static(default=None)
 
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
@@ -213,9 +215,7 @@ class ComplementaryFilter:
         clock: ControlClock,
     ) -> tuple[StateEstimate, EstimatorState]:
         """Compute states, contact forces and filtered labels of one control period; see `Estimator`."""
-        age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
-        valid = (age <= self.max_reading_age + 1e-9).astype(float)
-        return _update(team, self.filters, state, measurement, applied, f_hat, valid, clock.dt)
+        return _update(team, self.filters, self.contact_forces, state, measurement, applied, f_hat, clock.dt)
 
 
 def _initial_state(team: Team, measurement: Measurement, pose_delay: int | None) -> EstimatorState:
@@ -257,66 +257,101 @@ def _initial_state(team: Team, measurement: Measurement, pose_delay: int | None)
 def _update(
     team: Team,
     filters: FilterBandwidths,
+    estimator: ContactForceEstimator,
     state: EstimatorState,
     measurement: Measurement,
     applied: TeamInputs,
     f_hat: ResidualForces,
-    valid: Scalar,
     dt: Scalar,
 ) -> tuple[StateEstimate, EstimatorState]:
-    """Advance all filters by one control period; `valid` is 1 if the tip readings are recent."""
-    q = measurement.payload
-    agents, states, forces, labels = [], [], [], []
+    """Advance all filters by one control period."""
     clocks = None if state.clocks is None else _advance_clocks(state.clocks, measurement, dt)
+    payload, balance, a, payload_state = _update_payload(
+        team, filters, dataclasses.replace(state, clocks=clocks), measurement, dt
+    )
+    closed = not isinstance(estimator, contact_forces.FreeFlight)
+    update_agents = jax.vmap(
+        functools.partial(_update_agent, contacts_closed=closed),
+        in_axes=(0, None, None, 0, 0, 0, None, None, None, None),
+    )
+    found = [
+        update_agents(*each[:1], filters, payload, *each[1:], team.gravity, state.initialized, dt, clocks and clocks[1])
+        for each in zip(team.agent_groups, state.agents, measurement.agents, applied, strict=True)
+    ]
+    age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
+    forces = estimator.estimate(team, tuple(of_agents for _, of_agents, _ in found), balance, age, f_hat)
+    interval = state.time_since_label + dt
+    # In periods without labels the filters of labels and inputs hold their values.
+    b = forces.valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
+    filter_labels = jax.vmap(_filter_agent_label, in_axes=(0, 0, 0, None, None))
+    labels, agents, lam = zip(
+        *(
+            filter_labels(agent_state, of_agents, base_frame, b, state.initialized)
+            for (_, of_agents, agent_state), base_frame in zip(found, forces.base_frame, strict=True)
+        ),
+        strict=True,
+    )
+    W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(lam))
+    payload_label = balance.y - jnp.concatenate([W.F, W.tau])
+    next_state = dataclasses.replace(
+        payload_state,
+        agents=agents,
+        label=_filter_label(state.label, payload_label, b, state.initialized),
+        inputs=_filter_label(state.inputs, flatten_payload_state(payload, a), b, state.initialized),
+        time_since_label=(1 - forces.valid) * interval,
+        initialized=jnp.ones(()),
+    )
+    sample = TrainingSample(
+        payload=(next_state.inputs.stage2, next_state.label.stage2),
+        agents=tuple((agent.inputs.stage2, agent.label.stage2) for agent in agents),
+        unfiltered=(payload_label, labels),
+        valid=forces.valid,
+        sample_interval=interval,
+    )
+    return StateEstimate(
+        agents=tuple(q for q, _, _ in found),
+        payload=payload,
+        a_L=jnp.concatenate([a[:3] + team.gravity, a[3:]]),
+        lam=lam,
+        lam_covariance=forces.covariance,
+        sample=sample,
+    ), next_state
+
+
+def _update_payload(
+    team: Team, filters: FilterBandwidths, state: EstimatorState, measurement: Measurement, dt: Scalar
+) -> tuple[PayloadState, PayloadBalance, Float[Array, "6"], EstimatorState]:
+    """Compute state and equations of motion of the payload, and its filter state with the label filters unchanged.
+
+    Args:
+        team: Nominal parameters.
+        filters: Corner frequencies.
+        state: State of the previous control period, with the clocks of this one.
+        measurement: Readings of this control period.
+        dt: Control period [s].
+
+    Returns:
+        State, equations of motion, ``v_dot - a_g`` [m/s^2, world] with ``w_dot`` [rad/s^2, payload frame], and filter
+        state.
+    """
+    q, clock = measurement.payload, state.clocks and state.clocks[0]
     fused, bias, omega, a = nav_filter.update(
         *((state.payload, state.bias), NavState(R=q.R, x=q.p, v=q.v), q.omega, q.a, team.gravity, filters),
-        *(state.initialized, dt, clocks and clocks[0]),
+        *(state.initialized, dt, clock),
     )
-    nav = nav_filter.newest(fused, clocks)
+    nav = nav_filter.newest(fused, clock)
     payload = PayloadState(R=nav.R, p=nav.x, omega=omega, v=nav.v)
-    interval = state.time_since_label + dt
-    # Without tip readings the filters of labels and inputs hold their values.
-    b = valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
-    update_agents = jax.vmap(_update_agent, in_axes=(0, None, None, 0, 0, 0, 0, None, None, None, None, None, None))
-    for group, agent_state, reading, u, f in zip(
-        team.agent_groups, state.agents, measurement.agents, applied, f_hat.agents, strict=True
-    ):
-        estimate, lam, label, next_agent_state = update_agents(
-            *(group, filters, payload, agent_state, reading, u, flatten_agent_force(f)),
-            *(team.gravity, state.initialized, valid, b, dt, clocks and clocks[1]),
-        )
-        agents.append(next_agent_state)
-        states.append(estimate)
-        forces.append(lam)
-        labels.append(label)
     # The first control period has no difference.
     omega_dot = state.initialized * (omega - state.omega) / dt
     specific_force = payload.R @ a
-    modelled, contact = _payload_label(team, payload, specific_force, omega_dot, tuple(forces))
+    required = inverse_dynamics.payload_inverse_dynamics(team.payload, specific_force, omega_dot, omega)
     tip_factor = initial_smoothing_factor(state.initialized, smoothing_factor(filters.tip_force, dt))
-    modelled = state.modelled_wrench + tip_factor * (modelled - state.modelled_wrench)
-    inputs = flatten_payload_state(payload, jnp.concatenate([specific_force, omega_dot]))
-    next_state = EstimatorState(
-        agents=tuple(agents),
-        payload=fused,
-        bias=bias,
-        clocks=clocks,
-        omega=omega,
-        modelled_wrench=modelled,
-        label=_filter_label(state.label, modelled - contact, b, state.initialized),
-        inputs=_filter_label(state.inputs, inputs, b, state.initialized),
-        time_since_label=(1 - valid) * interval,
-        initialized=jnp.ones(()),
+    modelled = state.modelled_wrench + tip_factor * (
+        jnp.concatenate([required.F, required.tau]) - state.modelled_wrench
     )
-    a_L = jnp.concatenate([specific_force + team.gravity, omega_dot])
-    sample = TrainingSample(
-        payload=(next_state.inputs.stage2, next_state.label.stage2),
-        agents=tuple((agent.inputs.stage2, agent.label.stage2) for agent in next_state.agents),
-        unfiltered=(modelled - contact, tuple(labels)),
-        valid=valid,
-        sample_interval=interval,
-    )
-    return StateEstimate(agents=tuple(states), payload=payload, a_L=a_L, lam=tuple(forces), sample=sample), next_state
+    next_state = dataclasses.replace(state, payload=fused, bias=bias, omega=omega, modelled_wrench=modelled)
+    acceleration = jnp.concatenate([specific_force, omega_dot])
+    return payload, PayloadBalance(R=payload.R, y=modelled), acceleration, next_state
 
 
 def _advance_clocks(
@@ -339,19 +374,6 @@ def _filter_label(
     return update(start, x, b)
 
 
-def _payload_label(
-    team: Team,
-    q: PayloadState,
-    specific_force: Float[Array, "3"],
-    omega_dot: Float[Array, "3"],
-    lam: tuple[Float[Array, "agents arms 3"], ...],
-) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-    """Return `(m_L v_dot - f_g, J w_dot + w x J w)` and `G lam_hat`; their difference is the label."""
-    modelled = inverse_dynamics.payload_inverse_dynamics(team.payload, specific_force, omega_dot, q.omega)
-    W = grasp.payload_wrench(grasp.contact_points(team), q.R, grasp.stack_contacts(lam))
-    return jnp.concatenate([modelled.F, modelled.tau]), jnp.concatenate([W.F, W.tau])
-
-
 def _update_agent(
     agent: AerialManipulator,
     filters: FilterBandwidths,
@@ -359,15 +381,14 @@ def _update_agent(
     state: AgentFilterState,
     m: AgentReading,
     u: AgentInput,
-    f_hat: Float[Array, "outputs"],
     gravity: Float[Array, "3"],
     initialized: Scalar,
-    valid: Scalar,
-    b_label: Scalar,
     dt: Scalar,
     clock: ReadingClock | None,
-) -> tuple[AgentState, Float[Array, "arms 3"], Float[Array, "outputs"], AgentFilterState]:
-    """Compute state, contact forces and label (Eq. learning_output_components) of one agent, and its filter state."""
+    *,
+    contacts_closed: bool,
+) -> tuple[AgentState, AgentBalance, AgentFilterState]:
+    """Compute state and equations of motion of one agent, and its filter state with the label filters unchanged."""
     measured = NavState(R=m.R, x=m.x, v=m.v)
     fused, bias, omega, specific_force = nav_filter.update(
         (state.base, state.bias), measured, m.omega, m.a, gravity, filters, initialized, dt, clock
@@ -381,8 +402,9 @@ def _update_agent(
     )
     g = aerial_manipulator.forward_kinematics(agent, r)
     # The rate of stage 2 follows from its own recursion; no second difference is needed.
-    encoder_rate = (encoder.stage1 - encoder.stage2) * b / ((1 - b) * dt)
-    r_dot = joint_rates(agent, g, base, omega, payload, encoder_rate)
+    r_dot = (encoder.stage1 - encoder.stage2) * b / ((1 - b) * dt)
+    if contacts_closed:
+        r_dot = joint_rates(agent, g, base, omega, payload, r_dot)
     p = aerial_manipulator.centroidal_model(agent, g)
     xi = jnp.concatenate([omega, r_dot])
     velocity_offset = -(base.R @ (p.J_base @ xi))
@@ -398,20 +420,38 @@ def _update_agent(
     modelled = state.modelled_force + initial_smoothing_factor(initialized, smoothing_factor(filters.tip_force, dt)) * (
         jnp.concatenate([force, moment]) - state.modelled_force
     )
-    lam_base = jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], m.lam)
-    lam = lam_base @ base.R.T
-    contact = jnp.concatenate([lam.sum(0), (p.J_tip * lam_base[:, :, None]).sum((0, 1))])
-    reconstructed = contact_forces.reconstruct_contact_forces(p.J_tip, base.R, f_hat - modelled, MIN_LEVER)
-    next_state = AgentFilterState(
-        base=fused,
-        bias=bias,
-        r=r,
-        r_dot=r_dot,
-        encoder=encoder,
-        momenta=momenta,
-        com_velocity_offset=velocity_offset,
-        modelled_force=modelled,
-        label=_filter_label(state.label, modelled + contact, b_label, initialized),
-        inputs=_filter_label(state.inputs, flatten_agent_state(q), b_label, initialized),
+    balance = AgentBalance(
+        R=base.R,
+        y=modelled,
+        J_tip=p.J_tip,
+        measured=jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], m.lam),
+        x=flatten_agent_state(q),
     )
-    return q, jnp.where(valid > 0, lam, reconstructed), modelled + contact, next_state
+    filtered = dataclasses.replace(state, base=fused, bias=bias, r=r, r_dot=r_dot, encoder=encoder)
+    next_state = dataclasses.replace(
+        filtered, momenta=momenta, com_velocity_offset=velocity_offset, modelled_force=modelled
+    )
+    return q, balance, next_state
+
+
+def _filter_agent_label(
+    state: AgentFilterState,
+    balance: AgentBalance,
+    lam_base: Float[Array, "arms 3"],
+    b: Scalar,
+    initialized: Scalar,
+) -> tuple[Float[Array, "outputs"], AgentFilterState, Float[Array, "arms 3"]]:
+    """Compute the label of one agent (Eq. learning_output_components), and advance its filter.
+
+    Returns:
+        Label before the filter, filter state, and contact forces [N, world].
+    """
+    lam = lam_base @ balance.R.T
+    moments = (balance.J_tip * lam_base[:, :, None]).sum((0, 1))
+    label = balance.y + jnp.concatenate([lam.sum(0), moments])
+    filtered = dataclasses.replace(
+        state,
+        label=_filter_label(state.label, label, b, initialized),
+        inputs=_filter_label(state.inputs, balance.x, b, initialized),
+    )
+    return label, filtered, lam

@@ -23,6 +23,9 @@ from colift.scenario.schema.control import (
     InternalForces,
     LeaderFollowerAllocation,
     LeastSquaresAllocation,
+    LeastSquaresForces,
+    MomentumObserver,
+    TipSensors,
 )
 from colift.scenario.schema.disturbances import (
     ConstantWrench,
@@ -98,7 +101,9 @@ __all__ = [
     "LeaderFollowerAllocation",
     "Learning",
     "LeastSquaresAllocation",
+    "LeastSquaresForces",
     "Lissajous",
+    "MomentumObserver",
     "MujocoPhysics",
     "Name",
     "NominalAgentType",
@@ -130,6 +135,7 @@ __all__ = [
     "TerminationLimits",
     "Tether",
     "ThrustFault",
+    "TipSensors",
     "Vector",
     "Waypoints",
     "Wind",

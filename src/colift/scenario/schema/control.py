@@ -66,6 +66,37 @@ class Control(Section):
     """Time step of the preview of the reference, which yields a feedforward of angular velocities; default: none."""
 
 
+class TipSensors(Section):
+    """Contact forces as measured by force sensors at the tips."""
+
+    kind: Literal["tip_sensors"]
+    """Selects this estimate."""
+
+
+class _ResidualPrior(Section):
+    """Settings of the estimates from a prior of the residual forces."""
+
+    calibration_s: fields.Time = 0.0
+    """Duration of a flight of the agents without payload that yields the prior of their residuals; 0: no flight."""
+
+
+class MomentumObserver(_ResidualPrior):
+    """Contact forces from momenta and inputs of each agent, and a prior of its residual; without tip force sensors."""
+
+    kind: Literal["momentum_observer"]
+    """Selects this estimate."""
+
+
+class LeastSquaresForces(_ResidualPrior):
+    """Contact forces from the equations of motion of agents and payload, and a prior of all residuals.
+
+    The standard deviations of the priors are those of `learning` and `baselines`.
+    """
+
+    kind: Literal["least_squares"]
+    """Selects this estimate."""
+
+
 class InternalForces(Ramp, Interval):
     """Internal forces from the start of their rise to the end of their decay; they apply no wrench to the payload."""
 

@@ -23,6 +23,9 @@ from colift.scenario.schema.control import (
     ControllerPlugins,
     LeaderFollowerAllocation,
     LeastSquaresAllocation,
+    LeastSquaresForces,
+    MomentumObserver,
+    TipSensors,
 )
 from colift.scenario.schema.disturbances import Disturbance, RandomResidual
 from colift.scenario.schema.faults import Fault
@@ -80,6 +83,10 @@ class Scenario(Named):
         LeastSquaresAllocation | LeaderFollowerAllocation | ConstrainedAllocation, Field(discriminator="kind")
     ]
     """Allocation of the payload's wrench to contact forces."""
+    contact_forces: Annotated[TipSensors | MomentumObserver | LeastSquaresForces, Field(discriminator="kind")] = (
+        TipSensors(kind="tip_sensors")
+    )
+    """Estimate of the contact forces."""
     learning: Learning
     """Data and models."""
     baselines: BaselineTuning = BaselineTuning()
