@@ -50,7 +50,7 @@ def simulate(settings: Scenario, case: str) -> dict[str, Any]:
     def rms(x: Any) -> float:
         return float(np.sqrt((np.asarray(x)[half] ** 2).sum(-1).mean()))
 
-    found = {
+    found: dict[str, Any] = {
         "termination_reason": result.termination_reason,
         "e_p_rms_m": rms(rows.e_p),
         "e_R_rms": rms(rows.e_R),
