@@ -38,7 +38,7 @@ def settings_of(team: str, seed: int, kind: dict[str, Any], bandwidth: float | N
     base = planar_teams.bar() if team == "bar" else colift.load_scenario(team)
     data = base.model_dump() | {"contact_forces": kind, "seed": seed}
     if bandwidth is not None:
-        data["sensors"] = data["sensors"] | {"tip_force_bandwidth_Hz": bandwidth}
+        data["sensors"] = base.sensors.model_dump() | {"tip_force_bandwidth_Hz": bandwidth}
     return Scenario.model_validate(data)
 
 

@@ -289,3 +289,32 @@ def learning_target() -> str:
         ("flights that end early under the final policies", lost, "0", lost == 0),
     ]
     return markdown(("target", "measured", "limit", "met"), rows)
+
+
+@table("contact_forces")
+def kinds() -> str:
+    """Estimates of the contact forces: tracking relative to tip sensors and errors of forces; largest of seeds."""
+    found, rows = items("contact_forces"), []
+    teams = dict.fromkeys(item.split()[0] for item in found)
+    for team in teams:
+        flights = [one for item, one in found.items() if item.split()[0] == team]
+        for kind, cases in flights[0].items():
+            if "C3" not in cases:
+                values = [max(one[kind]["C1"][name] for one in flights) for name in FORCE_ERRORS]
+                rows.append((f"`{team}`", kind, None, None, None, *values))
+                continue
+            ratios = [
+                max(one[kind][case]["e_p_rms_m"] / one["tip_sensors"][case]["e_p_rms_m"] for one in flights)
+                for case in ("C3", "label_feedback", "adaptive")
+            ]
+            values = [max(one[kind]["C3"][name] for one in flights) for name in FORCE_ERRORS]
+            rows.append((f"`{team}`", kind, *ratios, *values))
+    header = (
+        "team",
+        "contact forces",
+        *(f"RMS $e_p$ of `{case}`, ratio" for case in ("C3", "label_feedback", "adaptive")),
+    )
+    return markdown((*header, "error of a contact force [N]", "error of the force mismatch [N]"), rows)
+
+
+FORCE_ERRORS = ("contact_force_error_N", "mismatch_error_N")

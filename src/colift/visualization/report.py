@@ -46,6 +46,7 @@ CONTACT_COLUMNS = {
     "internal peak, mean [N]": "largest and mean norm of its internal part, which applies no wrench to the payload",
     "bias x, y, z [N]": "mean of the estimated minus the true force, payload frame",
     "error [N]": "RMS norm of the estimated minus the true force",
+    "std [N]": "RMS norm of the stated standard deviation of the estimate; none for tip force sensors",
 }
 """Columns of the table of contact forces, and their definitions."""
 
@@ -275,15 +276,35 @@ def _contact_forces(summary: Mapping[str, Any]) -> Iterator[str]:
     ]
     if rows:
         header = ("case", "contact", "peak\nN", "mean\nN", "internal\npeak N", "internal\nmean N")
-        header = (*header, "bias x\nN", "bias y\nN", "bias z\nN", "error\nN")
+        header = (*header, "bias x\nN", "bias y\nN", "bias z\nN", "error\nN", "std\nN")
         content = html_page.table(header, rows, text_columns=2) + html_page.column_meanings(CONTACT_COLUMNS)
-        yield html_page.section("Contact forces, second half of the run", content)
+        yield html_page.section("Contact forces, second half of the run", content + _prior_table(summary))
+
+
+def _prior_table(summary: Mapping[str, Any]) -> str:
+    """Return the combinations of contact forces that rest on a prior; empty with tip force sensors."""
+    given = {case: x for case, metrics in summary["cases"].items() if (x := metrics.get("contact_force_prior"))}
+    if not given:
+        return ""
+    first = next(iter(given.values()))
+    text = (
+        f"No sensor measures the contact forces. The equations of motion have {first['unknowns']} unknowns, residuals and "
+        f"contact forces, and leave {first['combinations']} combinations of them undetermined. These rest on the prior "
+        "of the residuals."
+    )
+    rows = [
+        (case, name, *(format_value(found[part][key], 1.0, ".2f") for key in ("std", "error_rms")))
+        for case, found in given.items()
+        for part, name in (("force", "net force [N]"), ("moment", "net moment [N m]"))
+    ]
+    return html_page.paragraphs([text]) + html_page.table(("case", "combination", "std", "error"), rows, text_columns=2)
 
 
 def _contact_cells(found: Mapping[str, Any]) -> list[str]:
     """Return the numbers of one contact."""
     norms = [found[f"{name}_N"] for name in ("peak", "mean", "internal_peak", "internal_mean")]
-    return [format_value(x, 1.0, ".2f") for x in (*norms, *found["bias_N"], found["error_rms_N"])]
+    numbers = (*norms, *found["bias_N"], found["error_rms_N"], found.get("std_N"))
+    return [format_value(x, 1.0, ".2f") for x in numbers]
 
 
 def _figures(out: Path, run: str, certified: bool) -> Iterator[str]:

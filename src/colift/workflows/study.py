@@ -162,6 +162,8 @@ def flight_metrics(settings: Scenario, flight: FlightResult, experiment: Experim
     points = np.asarray(grasp.contact_points(experiment.world.team))
     has_forces = "lam" in ds and "lam_hat" in ds
     found["contact_forces"] = contact_forces.contact_force_statistics(ds, points) if has_forces else {}
+    if "lam_std" in ds:
+        found["contact_force_prior"] = contact_forces.prior_statistics(ds)
     signals = (np.asarray(getattr(flight.records, name)) for name in ("t", "r", "r_dot", "tau_r"))
     found["warnings"] += joint_limits.flight_violations(settings, *signals)
     return found

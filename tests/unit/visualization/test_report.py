@@ -89,9 +89,21 @@ def test_report_begins_with_its_conclusion(out):
 def test_contact_forces_are_listed_with_their_bias(out):
     numbers = {"peak_N": 5.11, "mean_N": 4.5, "internal_peak_N": 1.07, "internal_mean_N": 0.43, "error_rms_N": 0.2}
     written(out, {"C1": metrics(contact_forces={"a/left": numbers | {"bias_N": [0.1, -0.07, None]}}), "C3": metrics()})
-    cells = ("a/left", "5.11", "4.50", "1.07", "0.43", "0.10", "-0.07", "none", "0.20")
+    cells = ("a/left", "5.11", "4.50", "1.07", "0.43", "0.10", "-0.07", "none", "0.20", "none")
     row = "".join(f"<td>{cell}</td>" for cell in cells[1:])
     assert f'<tr><td>C1</td><td class="text">a/left</td>{row}</tr>' in made(out)
+
+
+def test_combinations_that_rest_on_a_prior_are_listed(out):
+    numbers = {"peak_N": 5.11, "mean_N": 4.5, "internal_peak_N": 1.07, "internal_mean_N": 0.43, "error_rms_N": 0.2}
+    forces = {"a/left": numbers | {"bias_N": [0.1, -0.07, 0.0], "std_N": 0.31}}
+    part = {"std": 0.44, "error_rms": 0.26}
+    prior = {"unknowns": 36, "combinations": 12, "force": part, "moment": part}
+    written(out, {"C1": metrics(contact_forces=forces, contact_force_prior=prior)})
+    text = made(out)
+    assert "have 36 unknowns" in text
+    assert "leave 12 combinations" in text
+    assert '<td class="text">net force [N]</td><td>0.44</td><td>0.26</td>' in text
 
 
 def test_warnings_come_first(out):
