@@ -288,7 +288,8 @@ def _prior_table(summary: Mapping[str, Any]) -> str:
         return ""
     first = next(iter(given.values()))
     text = (
-        f"No sensor measures the contact forces. The equations of motion have {first['unknowns']} unknowns, residuals and "
+        "No sensor measures the contact forces. "
+        f"The equations of motion have {first['unknowns']} unknowns, residuals and "
         f"contact forces, and leave {first['combinations']} combinations of them undetermined. These rest on the prior "
         "of the residuals."
     )
