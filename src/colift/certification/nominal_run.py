@@ -26,7 +26,7 @@ from colift.closed_loop.flight import Experiment, FlightResult
 from colift.gp import SquaredExponential
 from colift.onboard import controller
 from colift.onboard.control import agent_controllers, allocators, payload_controllers
-from colift.onboard.estimation import state_estimator
+from colift.onboard.estimation import contact_forces, state_estimator
 from colift.onboard.learning import features, residual_model, residual_predictors
 from colift.simulation import actuators, contact_dynamics, sensors
 from colift.simulation.world import SimulatedWorld
@@ -84,6 +84,10 @@ def check_supported(experiment: Experiment) -> None:
             (agent_controllers.ThrustVectoringController,),
         ),
         "estimator": (getattr(onboard_controller, "estimator", None), (state_estimator.ComplementaryFilter,)),
+        "contact forces": (
+            getattr(getattr(onboard_controller, "estimator", None), "contact_forces", None),
+            (contact_forces.TipSensors,),
+        ),
         "world": (world, (SimulatedWorld,)),
         "plant": (getattr(world, "plant", None), (contact_dynamics.RigidContactPlant,)),
         "actuators": (getattr(world, "actuators", None), (actuators.IdealActuators,)),

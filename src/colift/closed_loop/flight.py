@@ -100,6 +100,12 @@ class Experiment(Generic[WorldT]):
             dt=jnp.asarray(self.dt),
         )
 
+    def calibrated(self) -> Experiment[WorldT]:
+        """Return the experiment with the calibrated controller; the experiment itself without a calibration."""
+        if self.calibration is None:
+            return self
+        return dataclasses.replace(self, controller=self.calibration.calibrated(self.controller), calibration=None)
+
 
 @dataclasses.dataclass(frozen=True)
 class FlightResult:
@@ -168,9 +174,7 @@ def run_experiment(
             flight = run_experiment(colift.make_experiment(scenario, "C1"))
             print(np.linalg.norm(flight.records.e_p[-1]))
     """
-    if experiment.calibration is not None:
-        controller = experiment.calibration.calibrated(experiment.controller)
-        experiment = dataclasses.replace(experiment, controller=controller, calibration=None)
+    experiment = experiment.calibrated()
     dt, setup = experiment.dt, experiment.loop_config
     chunk_ticks, ticks = ticks_per_chunk(experiment), round(experiment.duration / dt)
     model_updates = _ModelUpdates(experiment)

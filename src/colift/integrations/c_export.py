@@ -116,6 +116,7 @@ def export_c(
         >>> flight = colift.run(experiment)  # doctest: +SKIP
         >>> export_c(experiment, flight.model, 500, Path("c"), "paper, C3")  # doctest: +SKIP
     """
+    experiment = experiment.calibrated()
     controller, dt = experiment.controller, jnp.asarray(experiment.dt)
     rest, flight_data = replay(experiment, model, ticks)
 

@@ -170,7 +170,7 @@ def make_task(
     Raises:
         ValueError: If the case updates its models, or if one of the last three arguments is out of range.
     """
-    flight_experiment = experiment.make_experiment(scenario.load_scenario(name, overrides), case)
+    flight_experiment = experiment.make_experiment(scenario.load_scenario(name, overrides), case).calibrated()
     if flight_experiment.update_times:
         raise ValueError(
             f"case {case!r} updates its models during a flight; use a case without updates, for example C1"

@@ -201,6 +201,7 @@ def run_lockstep(
     team, dt = experiment.world.team, experiment.dt
     if len(links) != sum(team.sizes):
         raise ValueError(f"{len(links)} autopilots for {sum(team.sizes)} agents")
+    experiment = experiment.calibrated()
     setup, chunk = experiment.loop_config, flight.ticks_per_chunk(experiment)
     thrust_max = np.concatenate([np.asarray(group.thrust_max) for group in team.agent_groups])
     key, noise = jax.random.fold_in(jax.random.key(experiment.seed), 2), None

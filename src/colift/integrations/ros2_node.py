@@ -213,7 +213,7 @@ class ControllerStep:
             experiment: Experiment that defines controller and control period.
             names: ROS names of the team.
         """
-        self.controller, self.names, self.dt, self.ticks = experiment.controller, names, experiment.dt, 0
+        self.controller, self.names, self.dt, self.ticks = experiment.calibrated().controller, names, experiment.dt, 0
         measurement = _zero_measurement(self.controller.team)
         self._init = jax.jit(lambda controller, *inputs: controller.init(*inputs)[1])
         self.state = self._init(self.controller, measurement, self._clock())
