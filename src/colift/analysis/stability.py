@@ -29,6 +29,7 @@ from colift.math import so3
 from colift.math.linalg import matmul
 from colift.models.state import State
 from colift.onboard.control.constrained_allocation import ConstrainedAllocator
+from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
 from colift.simulation import sensors
@@ -366,11 +367,14 @@ def _undisturbed_loop(
 
     The state is taken after one tick and as many further ticks as the largest sensor delay. Kalman filters of a
     residual corrector have their steady-state covariances: those of the least label noise, as sensors are exact. An
-    allocator with limits iterates to rounding accuracy.
+    allocator with limits iterates to rounding accuracy. Agents are healthy, and the leader's commands arrive at once.
     """
     if isinstance(allocator := getattr(experiment.controller, "allocator", None), ConstrainedAllocator):
         exact = dataclasses.replace(experiment.controller, allocator=allocator.converged())
         experiment = dataclasses.replace(experiment, controller=exact)
+    if isinstance(onboard := experiment.controller, LeaderFollowerController):
+        healthy = dataclasses.replace(onboard, command_link=None, effectiveness_filter=None)
+        experiment = dataclasses.replace(experiment, controller=healthy)
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
     start = simulator.reset(experiment.loop_config, state)

@@ -31,6 +31,7 @@ CORRECTOR = (
 )
 """Prefixes of the other variables of a residual corrector, which logs of older schemas lack."""
 LIMITED = ("slack_", "allocation_", "tilt_limited", "thrust_limited", "friction_limited", "force_limited")
+LIMITED += ("effectiveness",)
 """Prefixes of the variables that only allocators with limits log."""
 ESTIMATED = ("lam_std", "delta_W_hat", "delta_W_std")
 """Prefixes of the variables of contact forces that are estimated without tip force sensors."""

@@ -103,6 +103,7 @@ class StepRecord:
     thrust_limited: Bool[Array, "*time agents"] | None = None  # True if the allocated thrust is at its limit
     friction_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at the friction cone
     force_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at its limit
+    effectiveness: Float[Array, "*time agents"] | None = None  # rotor effectiveness that the controller compensates
 
 
 def true_residual(
@@ -219,6 +220,7 @@ def make_record(
         **({} if telemetry.estimate.lam_covariance is None else _contact_force_signals(nominal, telemetry)),
         **({} if (correction := telemetry.correction) is None else _correction_signals(correction)),
         **({} if (allocation := telemetry.allocation) is None else _allocation_signals(allocation)),
+        effectiveness=telemetry.effectiveness,
     )
 
 

@@ -59,6 +59,8 @@ class Measurement:
         rig: Readings of a calibration rig; None without one.
         measurement_age_s: Age of each reading that is held between samples [s], by name.
         extra: Readings of user-defined sensors, by name; each is a PyTree of arrays.
+        link_delay_s: Delay of the leader's message that arrives at each agent in this period [s]; negative if none
+            arrives. None if every message arrives in the period in which it is sent.
     """
 
     agents: tuple[AgentReading, ...]
@@ -66,3 +68,4 @@ class Measurement:
     rig: RigReading | None = None
     measurement_age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)
     extra: dict[str, PyTree] = dataclasses.field(default_factory=dict)
+    link_delay_s: Float[Array, "team"] | None = None

@@ -34,6 +34,8 @@ from colift.models.state import (
 )
 from colift.onboard.control import preview, tracking
 from colift.onboard.control.actuator_compensation import NoCompensation
+from colift.onboard.control.command_link import CommandLink, LeaderMessage
+from colift.onboard.estimation.effectiveness import EffectivenessFilter
 from colift.onboard.estimation.state_estimator import StateEstimate
 from colift.onboard.interfaces import (
     ActuatorCompensator,
@@ -113,12 +115,14 @@ class ControlLawState:
         payload_controller: State of the payload controller.
         allocator: State of the allocator.
         agent_controller: State of the agent controller.
+        command_link: State of the link to the agents; `()` without one.
     """
 
     predictor: PartState
     payload_controller: PartState
     allocator: PartState
     agent_controller: PartState
+    command_link: PartState = ()
 
 
 @pytree
@@ -137,6 +141,7 @@ class ControllerState:
         last_shortfall: Achieved minus commanded payload acceleration of the previous control period [m/s^2 world,
             rad/s^2 payload frame]; None if the allocator has no limits.
         initialized: 0 before the first control period, 1 afterwards.
+        effectiveness: State of the estimate of rotor effectiveness; None without one.
     """
 
     estimator: PartState
@@ -149,6 +154,7 @@ class ControllerState:
     last_f_hat: ResidualForces
     last_shortfall: Float[Array, "6"] | None
     initialized: Scalar
+    effectiveness: PartState = None
 
 
 @pytree
@@ -188,6 +194,9 @@ class LeaderFollowerController:
         agent_controller: Controller of the agents.
         actuator_compensator: Compensation of the actuator dynamics; by default none.
         residual_corrector: Estimator of the error of the residual model; None disables it.
+        effectiveness_filter: Estimate of the rotor effectiveness of each agent, which limits its thrust and is
+            compensated; None: all agents are assumed healthy.
+        command_link: Link that transmits the leader's commands to the agents; None if they arrive without delay.
         preview_step: Interval between the times at which the control law is evaluated on the reference [s], such as
             `colift.onboard.control.preview.PREVIEW_STEP`; None disables the preview.
 
@@ -211,6 +220,8 @@ class LeaderFollowerController:
     agent_controller: AgentController
     actuator_compensator: ActuatorCompensator = NoCompensation()
     residual_corrector: residual_correction.ResidualCorrector | None = None
+    effectiveness_filter: EffectivenessFilter | None = None
+    command_link: CommandLink | None = None
     preview_step: Scalar | None = None
 
     def init(self, measurement: Measurement, clock: ControlClock) -> tuple[TeamInputs, ControllerState]:
@@ -238,6 +249,7 @@ class LeaderFollowerController:
             last_f_hat=zero_residual(self.team),
             last_shortfall=None,
             initialized=jnp.zeros(()),
+            effectiveness=None if self.effectiveness_filter is None else self.effectiveness_filter.init(self.team),
         )
         estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
         context = ControlContext(
@@ -252,9 +264,15 @@ class LeaderFollowerController:
             if self.residual_corrector is None
             else residual_correction.zero_correction(zero_residual(self.team), clock.t),
         )
-        hover, _, telemetry = self.control_law(state.control_law, context)
+        hover, _, telemetry = dataclasses.replace(self, command_link=None).control_law(state.control_law, context)
+        control_law = state.control_law
+        if self.command_link is not None:
+            demand, context, _ = self._leader(control_law, context)
+            link = self.command_link.init(self.team, _message(demand, context), control_law.agent_controller)
+            control_law = dataclasses.replace(control_law, command_link=link)
         return hover, dataclasses.replace(
             state,
+            control_law=control_law,
             last_command=hover,
             actuator=self.actuator_compensator.init(hover),
             last_shortfall=None if telemetry.shortfall is None else jnp.zeros(6),
@@ -283,12 +301,14 @@ class LeaderFollowerController:
             The command until the next control period, the next state, and intermediate results for the log.
         """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
+        health, effectiveness, team = self.effectiveness_filter, state.effectiveness, self.team
+        acting = applied if health is None else health.acting(effectiveness, team, applied)
         estimate, estimator_state = self.estimator.update(
-            self.team, state.estimator, measurement, applied, state.last_f_hat, clock
+            team, state.estimator, measurement, acting, state.last_f_hat, clock
         )
         setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
-            team=self.team,
+            team=team,
             clock=clock,
             measurement=measurement,
             estimate=estimate,
@@ -302,10 +322,17 @@ class LeaderFollowerController:
             observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
             correction, corrector = self.residual_corrector.update(corrector, observation, clock)
             context = dataclasses.replace(context, correction=correction)
+        if health is not None:
+            modelled = state.last_f_hat if context.correction is None else context.correction.prediction
+            effectiveness = health.update(effectiveness, team, estimate, modelled, applied, clock.dt)
+            context = dataclasses.replace(context, team=health.limited(effectiveness, team))
         predictor = self.residual_predictor.update(state.control_law.predictor, self.residual_model, context)
         requested, control_law, telemetry = self.control_law(
             dataclasses.replace(state.control_law, predictor=predictor), context
         )
+        if health is not None:
+            requested = health.compensated(effectiveness, team, requested)
+            telemetry = dataclasses.replace(telemetry, effectiveness=effectiveness.in_use)
         command, actuator = self.actuator_compensator.command(self.team, state.actuator, requested, clock.dt)
         state = ControllerState(
             estimator=estimator_state,
@@ -318,6 +345,7 @@ class LeaderFollowerController:
             last_f_hat=telemetry.f_hat,
             last_shortfall=telemetry.shortfall,
             initialized=jnp.ones(()),
+            effectiveness=effectiveness,
         )
         return command, state, telemetry
 
@@ -333,13 +361,16 @@ class LeaderFollowerController:
         Returns:
             The requested inputs of the agents, the next states of the parts, and intermediate results.
         """
-        demand, next_state = self._demand(state, context)
-        if self.preview_step is not None:
-            team_preview = self._preview(state, context, self.preview_step)
-            context = dataclasses.replace(context, preview=team_preview)
-        (inputs, saturated), agent_controller = self.agent_controller.compute(
-            state.agent_controller, context, demand.acceleration_cmd, demand.forces, demand.f_hat
-        )
+        demand, context, next_state = self._leader(state, context)
+        link, measurement, part = self.command_link, context.measurement, state.agent_controller
+        if link is None or measurement is None or measurement.link_delay_s is None:
+            (inputs, saturated), part = self.agent_controller.compute(
+                part, context, demand.acceleration_cmd, demand.forces, demand.f_hat
+            )
+        else:
+            link_state = link.deliver(state.command_link, context, _message(demand, context))
+            (inputs, saturated), link_state = link.compute(self.agent_controller, link_state, context, demand.f_hat)
+            next_state = dataclasses.replace(next_state, command_link=link_state)
         telemetry = Telemetry(
             estimate=context.estimate,
             setpoint=context.setpoint,
@@ -352,7 +383,17 @@ class LeaderFollowerController:
             allocation=demand.forces.report,
             shortfall=demand.shortfall,
         )
-        return inputs, dataclasses.replace(next_state, agent_controller=agent_controller), telemetry
+        return inputs, dataclasses.replace(next_state, agent_controller=part), telemetry
+
+    def _leader(
+        self, state: ControlLawState, context: ControlContext
+    ) -> tuple[ControlDemand, ControlContext, ControlLawState]:
+        """Evaluate the control law up to the agent controllers; return the demand and the context with its preview."""
+        demand, next_state = self._demand(state, context)
+        if self.preview_step is not None:
+            team_preview = self._preview(state, context, self.preview_step)
+            context = dataclasses.replace(context, preview=team_preview)
+        return demand, context, next_state
 
     def _demand(self, state: ControlLawState, context: ControlContext) -> tuple[ControlDemand, ControlLawState]:
         """Evaluate payload controller, prediction, desired wrench and allocation."""
@@ -406,3 +447,9 @@ class LeaderFollowerController:
             lam=demand.forces.lam,
             f_hat=demand.f_hat,
         )
+
+
+def _message(demand: ControlDemand, context: ControlContext) -> LeaderMessage:
+    """Return the commands that the leader sends to the agents."""
+    forces = dataclasses.replace(demand.forces, acceleration=None, report=None)
+    return LeaderMessage(acceleration_cmd=demand.acceleration_cmd, forces=forces, preview=context.preview)

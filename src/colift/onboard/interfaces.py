@@ -223,6 +223,7 @@ class Telemetry:
         allocation: Limits that act in the allocation; None for an allocator without limits.
         shortfall: Achieved minus commanded payload acceleration [m/s^2 world, rad/s^2 payload frame]; None for an
             allocator without limits.
+        effectiveness: Rotor effectiveness that the controller compensates; None without an estimate.
     """
 
     estimate: StateEstimate
@@ -235,6 +236,7 @@ class Telemetry:
     correction: residual_correction.ResidualCorrection | None = None
     allocation: AllocationReport | None = None
     shortfall: Float[Array, "6"] | None = None
+    effectiveness: Float[Array, "agents"] | None = None
 
 
 # The whole controller -------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from colift.onboard.control import (
     agent_controllers,
     allocators,
     bound_tips,
+    command_link,
     constrained_allocation,
     label_feedback,
     payload_controllers,
@@ -32,7 +33,7 @@ from colift.onboard.control.allocation import (
     least_squares_allocation,
     squeeze,
 )
-from colift.onboard.estimation import contact_forces, nav_filter, state_estimator
+from colift.onboard.estimation import contact_forces, effectiveness, nav_filter, state_estimator
 from colift.onboard.learning import kalman_correction, label_filter, residual_correction, residual_predictors
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
@@ -186,9 +187,11 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     """
     allocation_map, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings, nominal)
+    health = None
     allocator: interfaces.Allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
     if isinstance(settings.allocation, schema.ConstrainedAllocation):
         allocator = _constrained(settings, nominal, allocator)
+        health = effectiveness.EffectivenessFilter(residual_std=array(learning.agents.signal_std.force_N))
     bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
@@ -222,6 +225,8 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
             gains=gain, yaw=trajectories.headings(settings), nominal_posture=team_module.nominal_posture(settings)
         ),
         actuator_compensator=_drive(settings),
+        effectiveness_filter=health,
+        command_link=_command_link(settings, allocation_map),
         preview_step=None if preview_step is None else array(preview_step),
     )
     user_defined = {
@@ -230,6 +235,12 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         if (part := getattr(settings.plugins, name, None)) is not None
     }
     return dataclasses.replace(default, **user_defined)
+
+
+def _command_link(settings: schema.Scenario, allocation_map: AllocationMap) -> command_link.CommandLink | None:
+    """Return the link to the agents; None if no fault concerns it."""
+    delays = [round(x.delay_s * settings.control_Hz) for x in settings.faults if isinstance(x, schema.LinkFault)]
+    return command_link.CommandLink(allocation=allocation_map, max_delay=max(delays)) if delays else None
 
 
 def with_preview(

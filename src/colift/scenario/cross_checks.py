@@ -203,7 +203,8 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         elif contact in leaders[:i]:
             yield location, f"{format_value(contact)} is named twice"
     yield from _contact_pairs(data, ("allocation", "internal", "squeeze_pairs"), known)
-    yield from _contact_limits(data, known)
+    for section in ("allocation", "physics"):
+        yield from _contact_limits(data, (section, "contact"), known)
 
 
 def _contact_pairs(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:
@@ -216,8 +217,7 @@ def _contact_pairs(data: dict[str, Any], location: Location, known: list[str]) -
                 yield (*location, i, k), "must be another contact than the first of the pair"
 
 
-def _contact_limits(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMessage]:
-    location: Location = ("allocation", "contact")
+def _contact_limits(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:
     limits = _part(data, *location)
     normals = _part(data, *location, "normal")
     if not isinstance(limits, dict):
@@ -382,7 +382,8 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that delays are multiples of the control period, and that sensor rates do not exceed the control rate."""
     rate = _number(data, "control_Hz")
     readings = [("sensors", "models", i) for i in range(len(_items(data, "sensors", "models")))]
-    for location in (("actuators",), ("nominal", "actuators"), *readings):
+    links = [("faults", i) for i in range(len(_items(data, "faults")))]
+    for location in (("actuators",), ("nominal", "actuators"), *readings, *links):
         delay, sample_rate = _number(data, *location, "delay_s"), _number(data, *location, "rate_Hz")
         ticks = delay * rate
         if ticks > MAX_ENTRIES:
@@ -416,6 +417,12 @@ def _calibration(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 PAYLOAD_READINGS, AGENT_READINGS = ("p", "R", "v", "omega", "a"), ("x", "R", "v", "omega", "a", "r", "lam")
 
 
+def _rotors(data: dict[str, Any]) -> int:
+    """Return the number of rotors of every vehicle; 0 for actuators without rotors, or with a number out of range."""
+    count = _part(data, "actuators", "rotors", "num_rotors")
+    return count if isinstance(count, int) and count <= MAX_ENTRIES else 0
+
+
 def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check the names and times of faults, and that the physics supports contacts that open."""
     agents, duration, released = _names(_items(data, "agents")), _number(data, "duration_s"), set[str]()
@@ -424,6 +431,8 @@ def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         kind, who = _part(fault, "kind"), _part(fault, "who")
         known, expected = {
             "thrust": (agents, "an agent"),
+            "link": (agents, "an agent"),
+            "rotor": ([f"{agent}/{k}" for agent in agents for k in range(_rotors(data))], "a rotor of an agent"),
             "sensor": (["payload", *agents], "the payload or an agent"),
             "contact": (contacts(data), "a contact"),
         }.get(str(kind), ([], ""))
@@ -436,6 +445,8 @@ def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
                 yield (*location, "reading"), unknown_name_message(reading, readings, f"a reading of {who}")
         elif kind == "contact" and who in released:
             yield (*location, "who"), f"{format_value(who)} is named twice"
+        elif kind == "rotor" and not _rotors(data):
+            yield (*location, "kind"), "requires actuators.rotors"
         if kind == "contact":
             released.add(str(who))
             if _part(data, "physics", "kind") == "mujoco":

@@ -49,6 +49,7 @@ def make_world(
     noise = make_sensor_noise(settings)
     models = tuple(_sensor_model(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
     models += tuple(_stuck_reading(x, settings) for x in settings.faults if isinstance(x, schema.SensorFault))
+    models += tuple(_link(x, settings) for x in settings.faults if isinstance(x, schema.LinkFault))
     world = SimulatedWorld(
         team=truth,
         plant=contact_dynamics.RigidContactPlant(),
@@ -61,7 +62,7 @@ def make_world(
         if settings.learning.rig_label_error is not None
         else models,
         mass_step=None if settings.payload_mass_step is None else _mass_step(settings.payload_mass_step),
-        faults=_faults(settings),
+        faults=_faults(settings, truth),
     )
     return dataclasses.replace(world, actuators=_actuators(settings, world), plant=_plant(settings, world, state))
 
@@ -70,12 +71,13 @@ def _mass_step(step: schema.PayloadMassStep) -> PayloadMassStep:
     return PayloadMassStep(mass=array(step.mass_kg), start=array(step.start_s), ramp_time=array(step.ramp_time_s))
 
 
-def _faults(settings: schema.Scenario) -> faults.Faults | None:
+def _faults(settings: schema.Scenario, truth: Team) -> faults.Faults | None:
     """Return the faults of rotors and contacts; None without one, for which the simulation has no further operation."""
     groups = team_module.group_agents(settings)
     losses = [fault for fault in settings.faults if isinstance(fault, schema.ThrustFault)]
+    rotors = [fault for fault in settings.faults if isinstance(fault, schema.RotorFault)]
     opened = {fault.who: fault.start_s for fault in settings.faults if isinstance(fault, schema.ContactFault)}
-    if not losses and not opened:
+    if not losses and not rotors and not opened:
         return None
     arms = {name: [arm.name for arm in kind.arms] for name, kind in settings.agent_types.items()}
     release_time = tuple(
@@ -87,12 +89,41 @@ def _faults(settings: schema.Scenario) -> faults.Faults | None:
             faults.ThrustLoss(
                 share=tuple(array([loss.to if agent.name == loss.who else 1.0 for agent in group]) for group in groups),
                 start=array(loss.start_s),
-                end=array(np.inf if loss.end_s is None else loss.end_s),
+                end=array(loss.last_time),
             )
             for loss in losses
         ),
+        rotors=tuple(_rotor_fault(fault, settings) for fault in rotors),
+        mixers=_mixers(settings, truth) if rotors else (),
         release_time=release_time if opened else None,
     )
+
+
+def _rotor_fault(fault: schema.RotorFault, settings: schema.Scenario) -> faults.RotorFault:
+    """Return the fault of one rotor."""
+    rotors = range(_ring(settings).num_rotors)
+    failed = [
+        np.array([[f"{agent.name}/{rotor}" == fault.who for rotor in rotors] for agent in group])
+        for group in team_module.group_agents(settings)
+    ]
+    return faults.RotorFault(
+        share=tuple(array(np.where(mask, 1.0 if fault.to is None else fault.to, 1.0)) for mask in failed),
+        stuck=tuple(jnp.asarray(mask & (fault.to is None)) for mask in failed),
+        start=array(fault.start_s),
+        end=array(fault.last_time),
+    )
+
+
+def _mixers(settings: schema.Scenario, truth: Team) -> tuple[actuators.RotorMixer, ...]:
+    """Return the rotors of each group."""
+    return tuple(_ring_mixer(_ring(settings), group.thrust_max) for group in truth.agent_groups)
+
+
+def _ring(settings: schema.Scenario) -> schema.Rotors:
+    """Return the rotors of a scenario with faults of single rotors, which the checks of the settings require."""
+    assert isinstance(settings.actuators, schema.LaggedMotors)
+    assert settings.actuators.rotors is not None
+    return settings.actuators.rotors
 
 
 def _stuck_reading(fault: schema.SensorFault, settings: schema.Scenario) -> StuckReading:
@@ -103,7 +134,19 @@ def _stuck_reading(fault: schema.SensorFault, settings: schema.Scenario) -> Stuc
             jnp.asarray([agent.name == fault.who for agent in group]) for group in team_module.group_agents(settings)
         ),
         start=array(fault.start_s),
-        end=array(np.inf if fault.end_s is None else fault.end_s),
+        end=array(fault.last_time),
+    )
+
+
+def _link(fault: schema.LinkFault, settings: schema.Scenario) -> faults.LinkFault:
+    """Return the sensor model of the messages that arrive at an agent."""
+    return faults.LinkFault(
+        member=jnp.asarray([name == fault.who for name in team_module.agent_names(settings)]),
+        period=array(1 / fault.rate_Hz),
+        loss_probability=array(fault.dropout_probability),
+        start=array(fault.start_s),
+        end=array(fault.last_time),
+        delay=round(fault.delay_s * settings.control_Hz),
     )
 
 
@@ -155,9 +198,12 @@ def _actuators(settings: schema.Scenario, world: SimulatedWorld) -> actuators.Id
 
 def _limit(given: schema.LaggedMotors, thrust_max: Array) -> actuators.InputLimits:
     if given.rotors is not None:
-        ring = given.rotors
-        return actuators.ring_mixer(ring.num_rotors, ring.radius_m, ring.moment_ratio_m, thrust_max / ring.num_rotors)
+        return _ring_mixer(given.rotors, thrust_max)
     return actuators.BoxLimits(thrust_max=thrust_max, torque_max=array([np.inf] * len(thrust_max)))
+
+
+def _ring_mixer(ring: schema.Rotors, thrust_max: Array) -> actuators.RotorMixer:
+    return actuators.ring_mixer(ring.num_rotors, ring.radius_m, ring.moment_ratio_m, thrust_max / ring.num_rotors)
 
 
 def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:

@@ -1,4 +1,4 @@
-"""Faults of the simulated team: loss of rotor thrust and contacts that open, each from a stated time.
+"""Faults of the simulated team: rotors of reduced or stuck force, contacts that open, and links with delays and losses.
 
 See Also:
     colift.simulation.sensors: rates, delays, dropouts and failures of sensors.
@@ -8,13 +8,18 @@ See Also:
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from colift.math.pytree import pytree
+from colift.math.pytree import pytree, static
+from colift.models.measurement import Measurement
 from colift.models.parameters import Team
-from colift.models.state import AgentInput, TeamInputs
+from colift.models.state import AgentInput, ControlClock, TeamInputs
+from colift.simulation.actuators import RotorMixer
+from colift.simulation.sensors import SensedState, SensorModel
 
 Scalar = Float[Array, ""]
 
@@ -35,14 +40,84 @@ class ThrustLoss:
 
 
 @pytree
+class LinkFault(SensorModel):
+    """Link from the leader to an agent with its own rate, a delay and random losses, in an interval.
+
+    The leader sends a message when `period` has passed since the previous one, first at `start`. It is lost with
+    probability `loss_probability` and arrives `delay` ticks later.
+    """
+
+    member: Bool[Array, "team"]  # True for the agent
+    period: Scalar  # s, between two messages
+    loss_probability: Scalar
+    start: Scalar  # s
+    end: Scalar  # s; inf: until the end of the flight
+    delay: int = static(default=0)  # ticks
+
+    def sample_noise(self, team: Team, key: Array, ticks: int) -> Float[Array, "time"]:
+        """Draw uniform numbers; a message is lost at a value below `loss_probability`."""
+        return jax.random.uniform(key, (ticks,))
+
+    def apply(
+        self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: Any, noise: Float[Array, ""]
+    ) -> tuple[Measurement, Any]:
+        """Set `Measurement.link_delay_s` of the agent."""
+        given = measurement.link_delay_s
+        present = jnp.zeros(len(self.member)) if given is None else given
+        active = (clock.t >= self.start - 1e-9) & (clock.t < self.end - 1e-9)
+        sent = clock.t - self.delay * clock.dt - self.start + 1e-9  # s, since the start
+        due = jnp.floor(sent / self.period) > jnp.floor((sent - clock.dt) / self.period)
+        arrives = (sent >= 0) & due & (noise >= self.loss_probability)
+        delay = jnp.where(arrives, self.delay * clock.dt, -1.0)
+        return dataclasses.replace(measurement, link_delay_s=jnp.where(active & self.member, delay, present)), state
+
+
+RotorForces = tuple[Float[Array, "agents rotors"], ...]
+"""Force of each rotor [N], by group."""
+
+
+@pytree
+class RotorFault:
+    """Rotors with a share of their force, or with the force of the last period before the interval."""
+
+    share: tuple[Float[Array, "agents rotors"], ...]  # remaining share of each rotor in the interval, by group
+    stuck: tuple[Bool[Array, "agents rotors"], ...]  # rotors that keep their force
+    start: Scalar  # s
+    end: Scalar  # s; inf: until the end of the flight
+
+
+@pytree
 class Faults:
     """Faults of a flight, unknown to the controller."""
 
     thrust: tuple[ThrustLoss, ...] = ()  # losses of rotor thrust; shares of simultaneous losses multiply
+    rotors: tuple[RotorFault, ...] = ()  # faults of single rotors, after the losses of thrust
+    mixers: tuple[RotorMixer, ...] = ()  # rotors of each group; empty without faults of single rotors
     release_time: tuple[Float[Array, "agents arms"], ...] | None = None  # s, by group; inf: never. None: no release
 
-    def limit(self, inputs: TeamInputs, t: Scalar) -> TeamInputs:
-        """Return the inputs that act at time t [s], after the loss of thrust."""
+    def rotor_forces(self, inputs: TeamInputs) -> RotorForces | None:
+        """Return the rotor forces that generate the inputs [N]; None without faults of single rotors.
+
+        They are unique, since a mixer generates thrust and torque by forces in the row space of its effectiveness.
+        """
+        if not self.rotors:
+            return None
+        return tuple(
+            jnp.concatenate([part.u[:, None], part.tau], axis=1) @ mixer.mixer.T
+            for mixer, part in zip(self.mixers, inputs, strict=True)
+        )
+
+    def limit(self, inputs: TeamInputs, last: RotorForces | None, t: Scalar) -> tuple[TeamInputs, RotorForces | None]:
+        """Compute the inputs that act in a period.
+
+        Args:
+            inputs: Inputs that the actuators apply.
+            last: Rotor forces of the previous period [N]; None without faults of single rotors.
+            t: Time [s].
+
+        Returns:
+            The inputs after the faults, and the rotor forces of this period.
+        """
         for loss in self.thrust:
             active = (t >= loss.start - 1e-9) & (t < loss.end - 1e-9)
             scales = [jnp.where(active, share, 1.0) for share in loss.share]
@@ -50,7 +125,20 @@ class Faults:
                 AgentInput(u=scale * part.u, tau=scale[:, None] * part.tau, tau_r=part.tau_r)
                 for scale, part in zip(scales, inputs, strict=True)
             )
-        return inputs
+        forces = self.rotor_forces(inputs)
+        if forces is None or last is None:
+            return inputs, forces
+        for fault in self.rotors:
+            active = (t >= fault.start - 1e-9) & (t < fault.end - 1e-9)
+            forces = tuple(
+                jnp.where(active, jnp.where(stuck, before, share * now), now)
+                for stuck, share, before, now in zip(fault.stuck, fault.share, last, forces, strict=True)
+            )
+        acting = [now @ mixer.effectiveness.T for mixer, now in zip(self.mixers, forces, strict=True)]
+        return tuple(
+            AgentInput(u=part[:, 0], tau=part[:, 1:], tau_r=given.tau_r)
+            for part, given in zip(acting, inputs, strict=True)
+        ), forces
 
     def team_at(self, team: Team, t: Scalar) -> Team:
         """Return the true parameters at time t [s], with the compliance of open contacts."""

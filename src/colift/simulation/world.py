@@ -29,7 +29,7 @@ from colift.models.state import (
 from colift.simulation import contact_dynamics, disturbances
 from colift.simulation import sensors as sensors_module
 from colift.simulation.actuators import IdealActuators
-from colift.simulation.faults import Faults
+from colift.simulation.faults import Faults, RotorForces
 
 Scalar = Float[Array, ""]
 
@@ -44,6 +44,7 @@ class WorldState:
     disturbances: disturbances.DisturbanceState  # states of the disturbance models
     actuators: Any  # state of the actuators
     sensors: tuple[Any, ...]  # states of the additional sensors
+    rotor_forces: RotorForces | None = None  # N, forces of the last tick; None without faults of single rotors
 
 
 @pytree
@@ -224,6 +225,7 @@ class SimulatedWorld:
             disturbances=disturbance_state,
             actuators=self.actuators.init(command),
             sensors=sensor_states,
+            rotor_forces=None if self.faults is None else self.faults.rotor_forces(command),
         )
 
     def disturbance_forces(
@@ -277,14 +279,7 @@ class SimulatedWorld:
         ):
             measurement, next_sensor_state = sensor.apply(measurement, sensed, clock, sensor_state, sensor_noise)
             sensor_states.append(next_sensor_state)
-        return measurement, WorldState(
-            state=state.state,
-            applied_inputs=state.applied_inputs,
-            filtered_tip_forces=filtered,
-            disturbances=state.disturbances,
-            actuators=state.actuators,
-            sensors=tuple(sensor_states),
-        )
+        return measurement, dataclasses.replace(state, filtered_tip_forces=filtered, sensors=tuple(sensor_states))
 
     def step(self, state: WorldState, command: TeamInputs, clock: ControlClock) -> tuple[WorldState, GroundTruth]:
         """Advance the world by one tick with a constant command.
@@ -299,8 +294,9 @@ class SimulatedWorld:
         """
         t, dt = clock.t, clock.dt
         inputs, actuators = self.actuators(command, state.actuators, clock)
+        rotor_forces = None
         if self.faults is not None:
-            inputs = self.faults.limit(inputs, t)
+            inputs, rotor_forces = self.faults.limit(inputs, state.rotor_forces, t)
         f = self.disturbance_forces(state.state, t, state.disturbances)
         team = self.team_at(t)
         a, lam = self.plant.forward_dynamics(team, state.state, inputs, f)
@@ -314,6 +310,7 @@ class SimulatedWorld:
             disturbances=disturbances.update(self.disturbances, self.team, state.state, t, state.disturbances, dt),
             actuators=actuators,
             sensors=state.sensors,
+            rotor_forces=rotor_forces,
         )
         opens = self.faults is not None and self.faults.release_time is not None
         return next_state, GroundTruth(

@@ -16,6 +16,21 @@ def load(*given, **changes):
 
 THRUST = {"kind": "thrust", "who": "front", "start_s": 1, "to": 0.6}
 CONTACT = {"kind": "contact", "who": "rear/left", "start_s": 2}
+ROTOR = {"kind": "rotor", "who": "rear/3", "start_s": 1}
+LINK = {
+    "kind": "link",
+    "who": "rear",
+    "start_s": 1,
+    "end_s": 4,
+    "rate_Hz": 50,
+    "delay_s": 0.02,
+    "dropout_probability": 0.2,
+}
+MOTORS = {
+    "kind": "motors",
+    "bandwidth_Hz": 20.0,
+    "rotors": {"num_rotors": 4, "radius_m": 0.25, "moment_ratio_m": 0.016},
+}
 SENSOR = {"kind": "sensor", "who": "payload", "start_s": 1, "end_s": 2, "reading": "p"}
 
 
@@ -28,11 +43,41 @@ def test_settings_reach_the_world():
     assert world.sensor_models[-1].channel == "payload.p"
 
 
+def test_a_link_fault_reaches_world_and_controller():
+    setup = experiment.make_experiment(load(LINK), "C1")
+    model, ticks = setup.world.sensor_models[-1], round(0.02 / setup.dt)
+    np.testing.assert_array_equal(model.member, [False, True])
+    np.testing.assert_allclose([model.period, model.loss_probability, model.delay], [0.02, 0.2, ticks])
+    assert setup.controller.command_link.max_delay == ticks
+    assert experiment.make_experiment(load(THRUST), "C1").controller.command_link is None
+
+
+@pytest.mark.parametrize("to", [None, 0.3])
+def test_a_rotor_fault_reaches_the_world(to):
+    world = experiment.make_experiment(load({**ROTOR, "to": to, "end_s": 2}, actuators=MOTORS), "C1").world
+    (fault,), (mixer,) = world.faults.rotors, world.faults.mixers
+    np.testing.assert_array_equal(fault.stuck[0], [[False] * 4, [False, False, False, to is None]])
+    np.testing.assert_array_equal(fault.share[0], [[1.0] * 4, [1.0, 1.0, 1.0, 1.0 if to is None else to]])
+    assert (float(fault.start), float(fault.end)) == (1.0, 2.0)
+    np.testing.assert_array_equal(mixer.effectiveness, world.actuators.limits[0].effectiveness)
+
+
+def test_a_rotor_fault_requires_rotors():
+    with pytest.raises(ScenarioError, match=r"faults\[0\].kind.*requires actuators.rotors"):
+        load(ROTOR)
+    with pytest.raises(ScenarioError, match=r"faults\[0\].who.*rear/3"):
+        load({**ROTOR, "who": "rear/4"}, actuators=MOTORS)
+
+
 def test_faults_are_described_by_kind_part_and_time():
-    assert [fault.describe() for fault in load(THRUST, CONTACT, SENSOR).faults] == [
+    given = load(THRUST, CONTACT, SENSOR, ROTOR, {**ROTOR, "to": 0}, LINK, actuators=MOTORS).faults
+    assert [fault.describe() for fault in given] == [
         "rotors of front at 0.6 of their effectiveness from 1 s",
         "contact rear/left open from 2 s",
         "reading p of payload stuck from 1 s to 2 s",
+        "rotor rear/3 stuck from 1 s",
+        "rotor rear/3 at 0 of its force from 1 s",
+        "commands to rear at 50 Hz, 0.02 s late, 0.2 lost from 1 s to 4 s",
     ]
 
 
@@ -43,10 +88,13 @@ def test_faults_are_described_by_kind_part_and_time():
         ({**THRUST, "to": 1.2}, "faults.*to: must be from 0 to 0.99"),
         ({**THRUST, "start_s": 5, "end_s": 4}, "end_s.* must exceed start_s = 5, got 4"),
         ({**THRUST, "start_s": 500}, "start_s.* must be less than duration_s = 20, got 500"),
+        ({**LINK, "who": "raer"}, "did you mean 'rear'"),
+        ({**LINK, "delay_s": 0.0201}, "faults.*delay_s.*whole ticks"),
+        ({**LINK, "rate_Hz": 1e4}, "faults.*rate_Hz.*control_Hz"),
         ({**CONTACT, "who": "rear/lift"}, "faults.*who.*did you mean 'rear/left'"),
         ({**SENSOR, "reading": "lam"}, "faults.*reading.*a reading of payload"),
         ({**SENSOR, "who": "paylod"}, "did you mean 'payload'"),
-        ({**THRUST, "kind": "thrst"}, "faults.*kind must be one of thrust, sensor, contact"),
+        ({**THRUST, "kind": "thrst"}, "faults.*kind must be one of thrust, rotor, sensor, link, contact"),
     ],
 )
 def test_contradictory_faults_are_refused(fault, message):

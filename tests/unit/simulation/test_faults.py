@@ -14,7 +14,7 @@ from colift.models import grasp
 from colift.models.parameters import Team
 from colift.models.state import AgentInput, zero_residual
 from colift.scenario import experiment
-from colift.simulation import contact_dynamics, faults
+from colift.simulation import actuators, contact_dynamics, faults
 from tests.support import paper_flights as paper
 from tests.support import small_team as light
 
@@ -52,7 +52,7 @@ def losses(share: float, **times: float) -> faults.Faults:
 @pytest.mark.parametrize(("t", "share"), [(0.99, 1.0), (1.0, 0.6), (1.99, 0.6), (2.0, 1.0)])
 def test_thrust_loss_scales_thrust_and_torque_of_one_agent(t, share):
     inputs = (AgentInput(u=jnp.array([20.0, 30.0]), tau=jnp.ones((2, 3)), tau_r=jnp.ones((2, 4))),)
-    (acting,) = losses(0.6, start=1.0, end=2.0).limit(inputs, jnp.array(t))
+    (acting,), _ = losses(0.6, start=1.0, end=2.0).limit(inputs, None, jnp.array(t))
     np.testing.assert_allclose(acting.u, [20 * share, 30])
     np.testing.assert_allclose(acting.tau, [[share] * 3, [1.0] * 3])
     np.testing.assert_array_equal(acting.tau_r, inputs[0].tau_r)
@@ -61,8 +61,57 @@ def test_thrust_loss_scales_thrust_and_torque_of_one_agent(t, share):
 def test_simultaneous_losses_multiply():
     one, two = losses(0.5, start=0.0), losses(0.8, start=0.0)
     inputs = (AgentInput(u=jnp.array([20.0, 30.0]), tau=jnp.ones((2, 3)), tau_r=jnp.ones((2, 4))),)
-    (acting,) = faults.Faults(thrust=one.thrust + two.thrust).limit(inputs, jnp.array(1.0))
+    (acting,), _ = faults.Faults(thrust=one.thrust + two.thrust).limit(inputs, None, jnp.array(1.0))
     np.testing.assert_allclose(acting.u, [8.0, 30.0])
+
+
+def rotor_faults(count: int, *given: tuple[int, float | None]) -> faults.Faults:
+    """Return faults of rotors of the first of two agents from 1 s to 2 s: number, and share or None if stuck."""
+    mixer = actuators.ring_mixer(count, 0.25, 0.016, jnp.full(2, 60.0 / count))
+    share, stuck = np.ones((2, count)), np.zeros((2, count), bool)
+    for rotor, to in given:
+        share[0, rotor], stuck[0, rotor] = 1.0 if to is None else to, to is None
+    fault = faults.RotorFault(
+        share=(jnp.asarray(share),), stuck=(jnp.asarray(stuck),), start=jnp.array(1.0), end=jnp.array(2.0)
+    )
+    return faults.Faults(rotors=(fault,), mixers=(mixer,))
+
+
+def requested(scale: float = 1.0):
+    tau = jnp.array([[0.3, -0.2, 0.05], [0.1, 0.2, -0.03]])
+    return (AgentInput(u=scale * jnp.array([20.0, 30.0]), tau=scale * tau, tau_r=jnp.ones((2, 4))),)
+
+
+@pytest.mark.parametrize("count", [4, 6])
+@pytest.mark.parametrize("to", [0.0, 0.4])
+def test_a_weak_rotor_removes_a_share_of_its_force_and_moment(count, to):
+    """A rotor at `(x, y)` with force f contributes the thrust f and the moment `(y f, -x f, +-moment ratio f)`."""
+    of, inputs = rotor_faults(count, (1, to)), requested()
+    last = of.rotor_forces(inputs)
+    (acting,), (forces,) = of.limit(inputs, last, jnp.array(1.0))
+    force, angle = float(last[0][0, 1]), 2 * np.pi * 1.5 / count
+    lost = (1 - to) * force * np.array([1.0, 0.25 * np.sin(angle), -0.25 * np.cos(angle), -0.016])
+    np.testing.assert_allclose(acting.u, [20 - lost[0], 30], rtol=1e-12)
+    np.testing.assert_allclose(inputs[0].tau - acting.tau, [lost[1:], [0, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(forces[0, 1], to * force)
+    np.testing.assert_array_equal(acting.tau_r, inputs[0].tau_r)
+
+
+@pytest.mark.parametrize("count", [4, 6])
+def test_a_stuck_rotor_keeps_the_force_before_the_fault(count):
+    """The other rotors follow the commands, also where several sets of rotor forces generate equal inputs."""
+    of, forces = rotor_faults(count, (1, None), (2, 0.5)), None
+    forces = of.rotor_forces(requested())
+    (before,) = forces
+    for k, t in enumerate([0.998, 1.0, 1.5, 1.998, 2.0]):
+        inputs = requested(1.0 if t < 1 else 1.2)
+        (acting,), (after,) = of.limit(inputs, forces, jnp.array(t))
+        (demand,), active = of.rotor_forces(inputs), 0 < k < 4
+        np.testing.assert_allclose(after[0, 1], before[0, 1] if active else demand[0, 1])
+        np.testing.assert_allclose(after[0, 2], 0.5 * demand[0, 2] if active else demand[0, 2])
+        np.testing.assert_allclose(np.delete(after, (1, 2), axis=1), np.delete(demand, (1, 2), axis=1))
+        np.testing.assert_allclose(acting.u, after.sum(1), rtol=1e-12)
+        forces = (after,)
 
 
 def test_open_contact_bears_no_force():

@@ -13,6 +13,7 @@
 ``redundancy``                motion of redundant joints, posture control
 ``realization``               inputs of one agent by inverse dynamics
 ``agent_controllers``         implementations of `AgentController`
+``command_link``              link with delays and losses from the leader to the agents
 ``actuator_compensation``     implementations of `ActuatorCompensator`
 ``label_feedback``            stability limit of the feedback from labels to attitudes
 ============================  ============================================================================

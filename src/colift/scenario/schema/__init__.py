@@ -17,7 +17,6 @@ from colift.scenario.schema.base import (
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
 from colift.scenario.schema.control import (
     ConstrainedAllocation,
-    ContactLimits,
     Control,
     ControllerPlugins,
     InternalForces,
@@ -41,12 +40,12 @@ from colift.scenario.schema.disturbances import (
     Wind,
     WindTurn,
 )
-from colift.scenario.schema.faults import ContactFault, Fault, SensorFault, ThrustFault
+from colift.scenario.schema.faults import ContactFault, Fault, LinkFault, RotorFault, SensorFault, ThrustFault
 from colift.scenario.schema.learning import AgentGPPrior, BaselineTuning, GPPrior, Learning
 from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics, Rotors
 from colift.scenario.schema.scenario import Scenario
 from colift.scenario.schema.sensors import BiasRandomWalk, Intermittent, Reading, Readings, Sensors
-from colift.scenario.schema.shared import AgentForceMagnitudes, ForceMagnitudes
+from colift.scenario.schema.shared import AgentForceMagnitudes, ContactLimits, ForceMagnitudes
 from colift.scenario.schema.team import (
     ActuatorLag,
     Agent,
@@ -102,6 +101,7 @@ __all__ = [
     "Learning",
     "LeastSquaresAllocation",
     "LeastSquaresForces",
+    "LinkFault",
     "Lissajous",
     "MomentumObserver",
     "MujocoPhysics",
@@ -123,6 +123,7 @@ __all__ = [
     "Revolute",
     "RigidContactPhysics",
     "RotorBias",
+    "RotorFault",
     "Rotors",
     "Row",
     "Rows",

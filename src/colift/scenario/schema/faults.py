@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from colift.scenario import fields
-from colift.scenario.schema.shared import Start
+from colift.scenario.schema.shared import Start, Transmitted
 
 
 class _Fault(Start):
@@ -43,17 +43,39 @@ class _TemporaryFault(_Fault):
         return f"from {self.start_s:g} s" + ("" if self.end_s is None else f" to {self.end_s:g} s")
 
 
-class ThrustFault(_TemporaryFault):
+class _EffectivenessFault(_TemporaryFault):
+    """A fault that leaves a share of a force."""
+
+    to: fields.Fraction
+    """Remaining share of thrust and body torque."""
+
+
+class ThrustFault(_EffectivenessFault):
     """Loss of effectiveness of all rotors of an agent: a share of thrust and body torque remains."""
 
     kind: Literal["thrust"]
     """Selects this fault."""
-    to: fields.Fraction
-    """Remaining share of thrust and body torque."""
 
     def describe(self) -> str:
         """Describe the fault in a few words."""
         return f"rotors of {self.who} at {self.to:.3g} of their effectiveness {self.period}"
+
+
+class RotorFault(_EffectivenessFault):
+    """Fault of one rotor, stated as `agent/number`; requires `rotors` of the actuators.
+
+    Rotors are numbered from 0 counterclockwise, seen from above. Rotor 0 is half a spacing from the first body axis.
+    """
+
+    kind: Literal["rotor"]
+    """Selects this fault."""
+    to: fields.Fraction | None = None  # ty: ignore[incompatible-attribute-override]
+    """Remaining share of the rotor's force, 0: off; default: the rotor is stuck at its force before `start_s`."""
+
+    def describe(self) -> str:
+        """Describe the fault in a few words."""
+        state = "stuck" if self.to is None else f"at {self.to:.3g} of its force"
+        return f"rotor {self.who} {state} {self.period}"
 
 
 class SensorFault(_TemporaryFault):
@@ -72,6 +94,23 @@ class SensorFault(_TemporaryFault):
         return f"reading {self.reading} of {self.who} stuck {self.period}"
 
 
+class LinkFault(Transmitted, _TemporaryFault):
+    """Link from the leader to an agent with its own rate, a delay and losses.
+
+    The agent holds the last command that it received, which fades after 0.4 s: the commanded acceleration decreases to
+    zero with a time constant of 0.2 s, and the contact forces keep weight, residuals and internal forces.
+    """
+
+    kind: Literal["link"]
+    """Selects this fault."""
+
+    def describe(self) -> str:
+        """Describe the fault in a few words."""
+        lost = f", {self.dropout_probability:.3g} lost" if self.dropout_probability else ""
+        late = f", {self.delay_s:g} s late" if self.delay_s else ""
+        return f"commands to {self.who} at {self.rate_Hz:g} Hz{late}{lost} {self.period}"
+
+
 class ContactFault(_Fault):
     """A contact, stated as `agent/arm`, opens and stays open; no force acts there from then on."""
 
@@ -83,4 +122,4 @@ class ContactFault(_Fault):
         return f"contact {self.who} open from {self.start_s:g} s"
 
 
-Fault = Annotated[ThrustFault | SensorFault | ContactFault, Field(discriminator="kind")]
+Fault = Annotated[ThrustFault | RotorFault | SensorFault | LinkFault | ContactFault, Field(discriminator="kind")]

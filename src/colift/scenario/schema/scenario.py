@@ -70,7 +70,7 @@ class Scenario(Named):
     random_residual: RandomResidual | None = None
     """Random residual forces and torques, in addition to the disturbances."""
     faults: Annotated[tuple[Fault, ...], Field(max_length=MAX_ENTRIES)] = ()
-    """Faults of rotors, sensors and contacts, unknown to the controller."""
+    """Faults of rotors, sensors, contacts and links, unknown to the controller."""
     sensors: Sensors = Sensors()
     """Sensors."""
     actuators: Annotated[IdealActuators | LaggedMotors | Plugin, Field(discriminator="kind")] = IdealActuators(

@@ -15,7 +15,7 @@ from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.fields import unit
 from colift.scenario.schema.base import Plugin, Section
-from colift.scenario.schema.shared import Delayed
+from colift.scenario.schema.shared import Transmitted
 
 Reading = Literal[
     "payload.p",
@@ -41,15 +41,11 @@ class _SensorModel(Section):
     """Names of the readings, of the payload or of all agents; errors of an attitude R are rotations about body axes."""
 
 
-class Intermittent(Delayed, _SensorModel):
+class Intermittent(Transmitted, _SensorModel):
     """Readings with their own rate, delay and dropouts; the last received reading is held."""
 
     kind: Literal["intermittent"]
     """Selects this sensor model."""
-    rate_Hz: fields.Rate
-    """Sampling rate, at most the control rate."""
-    dropout_probability: fields.Fraction = 0.0
-    """Probability that a reading is lost."""
     failure_time_s: fields.Time | None = None
     """Time after which there are no readings; default: never."""
 

@@ -5,7 +5,12 @@ A section that inherits a setting may give it another default or range; name, un
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from pydantic import Field
+
 from colift.scenario import fields
+from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Name, Section
 
 
@@ -46,6 +51,35 @@ class Delayed(Section):
 
     delay_s: fields.Time = 0.0
     """Delay, a multiple of the control period."""
+
+
+class Transmitted(Delayed):
+    """Samples or messages at a rate, with a delay and losses."""
+
+    rate_Hz: fields.Rate
+    """Rate of samples or messages, at most the control rate."""
+    dropout_probability: fields.Fraction = 0.0
+    """Probability that a sample or message is lost."""
+
+
+class ContactLimits(Section):
+    """Limits of the contact forces on the payload."""
+
+    friction: fields.FrictionCoefficient | None = None
+    """Friction coefficient: tangential over normal force; default: contacts can shear and pull."""
+    normal: Annotated[dict[str, fields.Axis], Field(max_length=MAX_ENTRIES)] | None = None
+    """Direction in which each contact `agent/arm` presses on the payload, payload frame; only the direction is used."""
+    min_force_N: fields.ForceLimit | None = None
+    """Smallest normal force; default: 0 with friction, otherwise none."""
+    max_force_N: fields.Thrust | None = None
+    """Largest contact force, by its norm; default: none."""
+
+
+class LimitedContacts(Section):
+    """A section with limits of the contact forces."""
+
+    contact: ContactLimits = ContactLimits()
+    """Limits of the contact forces."""
 
 
 class Mass(Section):

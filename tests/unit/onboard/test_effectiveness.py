@@ -1,0 +1,115 @@
+"""Tests of the estimate of rotor effectiveness: Kalman filter in its textbook form, detection, compensation."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from colift.models.state import AgentInput, ResidualForces, zero_residual
+from colift.onboard.estimation import effectiveness
+from colift.onboard.estimation.state_estimator import StateEstimate, TrainingSample
+from tests.support import paper_flights as paper
+
+DT = 0.002
+TEAM = paper.paper_experiment("C1").controller.team
+FILTER = effectiveness.EffectivenessFilter(residual_std=jnp.array(1.0))
+
+
+def estimated(force: np.ndarray, valid: float = 1.0) -> StateEstimate:
+    """Return an estimate with labels of the two agents, whose bases are as in the initial state."""
+    z = paper.paper_experiment("C1").initial_state
+    labels = jnp.zeros((2, 9)).at[:, :3].set(force)
+    sample = TrainingSample(
+        payload=(jnp.zeros(24), jnp.zeros(6)),
+        agents=((jnp.zeros((2, 24)), labels),),
+        unfiltered=(jnp.zeros(6), (labels,)),
+        valid=jnp.asarray(valid),
+        sample_interval=jnp.asarray(DT),
+    )
+    return StateEstimate(agents=z.agents, payload=z.payload, a_L=jnp.zeros(6), lam=(), sample=sample)
+
+
+def command(u: np.ndarray) -> tuple[AgentInput, ...]:
+    return (AgentInput(u=jnp.asarray(u), tau=jnp.ones((2, 3)), tau_r=jnp.ones((2, 3))),)
+
+
+@jax.jit
+def update(state: effectiveness.EffectivenessState, label: jax.Array, u: jax.Array) -> effectiveness.EffectivenessState:
+    return FILTER.update(state, TEAM, estimated(label), zero_residual(TEAM), command(u), jnp.asarray(DT))
+
+
+def simulate(true: float, seconds: float, noise: float = 0.4):
+    """Return thrusts, explained thrusts and states; the first agent has an effectiveness, the second one is healthy."""
+    rng, z = np.random.default_rng(5), paper.paper_experiment("C1").initial_state
+    axes, state, rows = np.asarray(z.agents[0].R)[:, :, 2], FILTER.init(TEAM), []
+    for _ in range(round(seconds / DT)):
+        u = 25 + 3 * rng.normal(size=2)
+        missing = (np.array([true, 1.0]) - np.asarray(state.in_use)) * u + noise * rng.normal(size=2)
+        explained = missing + np.asarray(state.in_use) * u
+        state = update(state, jnp.asarray(missing[:, None] * axes), jnp.asarray(u))
+        rows.append((u, explained, state))
+    return rows
+
+
+def test_the_filter_is_the_kalman_filter_of_a_random_walk():
+    """Joseph form of the textbook, with noise variance 1 and the process noise of the stated bandwidth."""
+    w = 1 - np.exp(-2 * np.pi * float(FILTER.bandwidth) * DT)
+    q = w**2 / (1 - w) / (np.asarray(TEAM.agent_groups[0].thrust_max)[0] / 2) ** 2
+    x, P = 1.0, 0.0
+    for u, z, state in simulate(0.5, 0.4):
+        P = P + q
+        K = P * u[0] / (u[0] * P * u[0] + 1.0)
+        x = x + K * (z[0] - u[0] * x)
+        P = (1 - K * u[0]) * P * (1 - K * u[0]) + K * K
+        np.testing.assert_allclose([state.estimate[0], state.covariance[0]], [x, P], rtol=1e-9)
+
+
+def test_steady_gain_is_that_of_the_stated_bandwidth():
+    most = TEAM.agent_groups[0].thrust_max
+    state, half = FILTER.init(TEAM), most / 2
+    for _ in range(400):
+        state = update(state, jnp.zeros((2, 3)), half)
+    before = state.estimate[0]
+    axes = paper.paper_experiment("C1").initial_state.agents[0].R[:, :, 2]
+    state = update(state, -half[:, None] * axes, half)  # explained thrust zero for one period
+    np.testing.assert_allclose(state.estimate[0] / before, np.exp(-2 * np.pi * float(FILTER.bandwidth) * DT), rtol=1e-6)
+
+
+def test_a_loss_is_compensated_and_limits_the_thrust():
+    state = simulate(0.5, 0.5)[-1][2]
+    np.testing.assert_allclose(state.in_use, [0.5, 1.0], atol=0.02)
+    limited = FILTER.limited(state, TEAM).agent_groups[0].thrust_max
+    np.testing.assert_allclose(limited, state.in_use * TEAM.agent_groups[0].thrust_max)
+    (acting,) = FILTER.acting(state, TEAM, FILTER.compensated(state, TEAM, command(np.array([10.0, 20.0]))))
+    np.testing.assert_allclose(acting.u, [10, 20])
+    np.testing.assert_allclose(acting.tau, 1.0)
+
+
+def test_a_residual_force_is_no_fault():
+    """A missing thrust of two standard deviations of the residual leaves both agents healthy; of four it does not."""
+    for missing, healthy in ((2.0, True), (4.0, False)):
+        states = [state for _, _, state in simulate(1 - missing / 25, 0.5, noise=0.1)]
+        assert (np.asarray(states[-1].in_use[0]) == 1.0) == healthy
+        assert all(float(state.in_use[1]) == 1.0 for state in states)
+
+
+def test_without_tip_readings_the_estimate_is_held():
+    state, force = simulate(0.5, 0.3)[-1][2], np.ones((2, 3))
+    arguments = zero_residual(TEAM), command(np.full(2, 25.0)), jnp.asarray(DT)
+    after = FILTER.update(state, TEAM, estimated(force, 0.0), *arguments)
+    np.testing.assert_array_equal(after.estimate, state.estimate)
+
+
+def test_a_residual_that_the_model_predicts_is_no_loss():
+    force = np.full((2, 3), -8.0)
+    (zero,) = zero_residual(TEAM).agents
+    predicted = ResidualForces(
+        agents=(dataclasses.replace(zero, f_x=jnp.asarray(force)),), payload=zero_residual(TEAM).payload
+    )
+    state = FILTER.init(TEAM)
+    for _ in range(3):
+        state = FILTER.update(state, TEAM, estimated(force), predicted, command(np.full(2, 25.0)), jnp.asarray(DT))
+    np.testing.assert_allclose(state.estimate, 1.0)
