@@ -57,6 +57,7 @@ class Experiment(Generic[WorldT]):
         world: Simulated world.
         controller: Onboard controller with its initial residual model.
         agent_names: Agent names in team order.
+        contact_names: Contact names in team order.
         termination_limits: Limits whose violation ends the flight.
         dt: Control period [s].
         initial_state: Initial state on the constraint manifold.
@@ -76,6 +77,7 @@ class Experiment(Generic[WorldT]):
     world: WorldT
     controller: LeaderFollowerController
     agent_names: tuple[str, ...]
+    contact_names: tuple[str, ...]
     termination_limits: termination.TerminationLimits
     dt: float
     initial_state: State
@@ -350,6 +352,10 @@ def _termination_reason(experiment: Experiment[World], rows: StepRecord, loop: L
             f"the grasp of agent {experiment.agent_names[most_singular]} is near singular at t = {t:.3f} s: "
             f"{value:.3g} < {float(limits.min_delassus[most_singular]):.3g} 1/kg (limit min_delassus); {arms}"
         )
+    if cause >= termination.TerminationCause.SLIP:
+        assert limits.contacts is not None
+        forces = np.asarray(rows.lam[-1] @ rows.R_L[-1])
+        return termination.format_contact_cause(cause, limits.contacts, forces, float(t), experiment.contact_names)
     saturated = jnp.concatenate(loop.saturated_ticks).astype(float) * experiment.dt
     values = monitored_values(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), saturated)
     return termination.format_cause(cause, limits, jax.tree.map(np.asarray, values), float(t), experiment.agent_names)

@@ -151,6 +151,7 @@ def monitored_values(
         attitude=jnp.arccos(jnp.clip(1 - row.Psi, -1.0, 1.0)),
         tilt=jnp.arccos(jnp.clip(row.R[:, 2, 2], -1.0, 1.0)),
         saturated=saturated,
+        contact_forces=row.lam @ row.R_L,
     )
 
 

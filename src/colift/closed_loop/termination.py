@@ -19,6 +19,19 @@ from colift.models.state import ResidualForces
 
 Scalar = Float[Array, ""]
 
+FORCE_TOLERANCE = 1e-6
+"""Excess of a contact force that counts as rounding [N]."""
+
+
+@pytree
+class ContactLimits:
+    """Limits of the contact forces on the payload; contacts in team order."""
+
+    normal: Float[Array, "contacts 3"]  # direction of the pressing force, unit vectors, payload frame
+    friction: Scalar  # largest tangential over normal force; inf: no limit
+    min_force: Scalar  # N, smallest normal force; -inf: no limit
+    max_force: Scalar  # N, largest norm; inf: no limit
+
 
 @pytree
 class TerminationLimits:
@@ -30,6 +43,7 @@ class TerminationLimits:
     max_attitude_error: Scalar  # rad, of the payload
     max_tilt: Scalar  # rad, between an agent's thrust and the vertical
     max_saturation_time: Scalar  # s, of a thrust at its limit without interruption
+    contacts: ContactLimits | None = None  # limits of the contact forces; None without limits
 
 
 class TerminationCause(enum.IntEnum):
@@ -43,6 +57,9 @@ class TerminationCause(enum.IntEnum):
     ATTITUDE = 5
     TILT = 6
     SATURATION = 7
+    SLIP = 8
+    CONTACT_OPENS = 9
+    CONTACT_FORCE = 10
 
 
 @pytree
@@ -56,6 +73,7 @@ class MonitoredValues:
     attitude: Scalar  # rad, attitude error of the payload
     tilt: Float[Array, "agents"]  # rad
     saturated: Float[Array, "agents"]  # s, time at the thrust limit until now without interruption
+    contact_forces: Float[Array, "contacts 3"] | None = None  # N, on the payload, payload frame; None without limits
 
 
 def check_termination(limits: TerminationLimits, values: MonitoredValues) -> Int[Array, ""]:
@@ -70,18 +88,76 @@ def check_termination(limits: TerminationLimits, values: MonitoredValues) -> Int
     Returns:
         The cause as an integer, 0 if there is none.
     """
-    exceeded = jnp.stack(
-        [
-            ~values.finite,
-            (values.delassus <= limits.min_delassus).any(),
-            values.distance > limits.max_distance,
-            (values.heights < limits.min_height).any(),
-            values.attitude > limits.max_attitude_error,
-            (values.tilt > limits.max_tilt).any(),
-            (values.saturated > limits.max_saturation_time).any(),
-        ]
-    )
+    causes = [
+        ~values.finite,
+        (values.delassus <= limits.min_delassus).any(),
+        values.distance > limits.max_distance,
+        (values.heights < limits.min_height).any(),
+        values.attitude > limits.max_attitude_error,
+        (values.tilt > limits.max_tilt).any(),
+        (values.saturated > limits.max_saturation_time).any(),
+    ]
+    if limits.contacts is not None and values.contact_forces is not None:
+        excesses = contact_excess(limits.contacts, values.contact_forces)
+        causes += [(excess > FORCE_TOLERANCE).any() for excess in excesses]
+    exceeded = jnp.stack(causes)
     return jnp.where(exceeded.any(), 1 + jnp.argmax(exceeded), 0)
+
+
+def contact_excess(limits: ContactLimits, forces: Float[Array, "contacts 3"]) -> list[Float[Array, "contacts"]]:
+    """Compute by how much each contact force exceeds its limits.
+
+    With the normal force ``n . lam`` and the tangential force ``lam_t``, the excesses are::
+
+        |lam_t| - friction n . lam,    min_force - n . lam,    |lam| - max_force
+
+    A contact that presses too little opens instead of slipping, so its first excess is zero.
+
+    Args:
+        limits: Limits of the contact forces.
+        forces: Contact forces on the payload [N, payload frame].
+
+    Returns:
+        Excess of friction, of the smallest normal force and of the largest force [N].
+    """
+    normal = (limits.normal * forces).sum(-1)
+    tangential = forces - normal[:, None] * limits.normal
+    tangential, size = (jnp.sqrt((x * x).sum(-1)) for x in (tangential, forces))
+    opens = limits.min_force - normal
+    slips = jnp.where((opens > 0) | jnp.isinf(limits.friction), 0.0, tangential - limits.friction * normal)
+    return [slips, opens, size - limits.max_force]
+
+
+def format_contact_cause(
+    cause: TerminationCause, limits: ContactLimits, forces: np.ndarray, t: float, names: Sequence[str]
+) -> str:
+    """Describe a violated limit of a contact force.
+
+    Args:
+        cause: `SLIP`, `CONTACT_OPENS` or `CONTACT_FORCE`.
+        limits: Limits of the contact forces.
+        forces: Contact forces of the tick at which the flight ended [N, payload frame].
+        t: Time of this tick [s].
+        names: Contact names in team order.
+
+    Returns:
+        A sentence with the contact, the forces, the time and the limit.
+    """
+    excess = contact_excess(limits, jnp.asarray(forces))[cause - TerminationCause.SLIP]
+    worst = int(np.argmax(excess))
+    size = float(np.linalg.norm(forces[worst]))
+    normal = float(np.asarray(limits.normal)[worst] @ forces[worst])
+    tangential = max(size**2 - normal**2, 0.0) ** 0.5
+    description, setting, limit = {
+        TerminationCause.SLIP: (
+            f"slips: tangential force {tangential:.3g} N, normal force {normal:.3g} N",
+            "friction",
+            limits.friction,
+        ),
+        TerminationCause.CONTACT_OPENS: (f"opens: normal force {normal:.3g} N", "min_force_N", limits.min_force),
+        TerminationCause.CONTACT_FORCE: (f"bears {size:.3g} N", "max_force_N", limits.max_force),
+    }[cause]
+    return f"contact {names[worst]} {description} at t = {t:.3f} s, beyond physics.contact.{setting} = {float(limit):g}"
 
 
 def format_cause(
@@ -90,7 +166,7 @@ def format_cause(
     """Describe a violated limit of the motion.
 
     Args:
-        cause: Cause other than `NONE`, `NOT_FINITE` and `SINGULAR_GRASP`.
+        cause: Cause from `DISTANCE` to `SATURATION`.
         limits: Limits of the flight.
         values: Values of the tick at which the flight ended.
         t: Time of this tick [s].

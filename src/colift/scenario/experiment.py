@@ -90,6 +90,7 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
         world=world_module.make_world(settings, truth, z, sources, error),
         controller=controller,
         agent_names=team.agent_names(settings),
+        contact_names=team.contact_names(settings),
         termination_limits=termination.make_termination_limits(settings, truth, z),
         dt=1 / settings.control_Hz,
         initial_state=z,

@@ -41,6 +41,23 @@ def make_termination_limits(settings: schema.Scenario, truth: Team, state: State
         max_attitude_error=_limit_rad(given.max_attitude_error_deg),
         max_tilt=_limit_rad(given.max_tilt_deg),
         max_saturation_time=array(given.max_saturation_time_s),
+        contacts=_contact_limits(settings),
+    )
+
+
+def _contact_limits(settings: schema.Scenario) -> termination.ContactLimits | None:
+    """Return the limits of the contact forces; None without limits."""
+    given = settings.physics
+    if isinstance(given, schema.Plugin) or given.contact == schema.ContactLimits():
+        return None
+    contact, names = given.contact, team.contact_names(settings)
+    normals = np.array([(contact.normal or {}).get(name, (0.0, 0.0, 1.0)) for name in names])  # required where used
+    least = contact.min_force_N if contact.friction is None else contact.min_force_N or 0.0
+    return termination.ContactLimits(
+        normal=array(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
+        friction=array(np.inf if contact.friction is None else contact.friction),
+        min_force=array(-np.inf if least is None else least),
+        max_force=array(np.inf if contact.max_force_N is None else contact.max_force_N),
     )
 
 

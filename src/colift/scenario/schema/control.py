@@ -15,7 +15,7 @@ from colift.scenario import fields
 from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.fields import unit
 from colift.scenario.schema.base import PluginReference, Section
-from colift.scenario.schema.shared import Interval, Ramp
+from colift.scenario.schema.shared import Interval, LimitedContacts, Ramp
 
 
 class ControllerPlugins(Section):
@@ -129,20 +129,7 @@ class LeaderFollowerAllocation(_Allocation):
     """Contacts of the leader block as `agent/arm`: at least three that are not collinear."""
 
 
-class ContactLimits(Section):
-    """Limits of the contact forces on the payload."""
-
-    friction: fields.FrictionCoefficient | None = None
-    """Friction coefficient: tangential over normal force; default: contacts can shear and pull."""
-    normal: Annotated[dict[str, fields.Axis], Field(max_length=MAX_ENTRIES)] | None = None
-    """Direction in which each contact `agent/arm` presses on the payload, payload frame; only the direction is used."""
-    min_force_N: fields.ForceLimit | None = None
-    """Smallest normal force; default: 0 with friction, otherwise none."""
-    max_force_N: fields.Thrust | None = None
-    """Largest contact force, by its norm; default: none."""
-
-
-class ConstrainedAllocation(_Allocation):
+class ConstrainedAllocation(LimitedContacts, _Allocation):
     """Allocation within limits of thrust, tilt and contact forces.
 
     It prefers the least-squares allocation with `internal`, which is the grip where contacts can only press.
@@ -155,5 +142,3 @@ class ConstrainedAllocation(_Allocation):
     """Selects this allocation."""
     tilt_deg: fields.TiltLimit = 35.0
     """Largest angle between the commanded thrust of an agent and the vertical."""
-    contact: ContactLimits = ContactLimits()
-    """Limits of the contact forces."""

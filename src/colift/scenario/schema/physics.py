@@ -11,6 +11,7 @@ from pydantic import AfterValidator
 
 from colift.scenario import fields
 from colift.scenario.schema.base import Section, _even
+from colift.scenario.schema.shared import LimitedContacts
 from colift.scenario.schema.team import ActuatorLag
 
 
@@ -44,15 +45,18 @@ class LaggedMotors(ActuatorLag):
     """Rotors of every vehicle; default: only the thrust is limited."""
 
 
-class RigidContactPhysics(Section):
-    """Equations of motion with rigid contacts."""
+class RigidContactPhysics(LimitedContacts):
+    """Equations of motion with rigid contacts; the flight ends at the first contact force beyond its limits."""
 
     kind: Literal["rigid"]
     """Selects this plant."""
 
 
-class MujocoPhysics(Section):
-    """MuJoCo (extra `mujoco`) with the model of `colift export mjcf` and the stiffest contacts its steps permit."""
+class MujocoPhysics(LimitedContacts):
+    """MuJoCo (extra `mujoco`) with the model of `colift export mjcf` and the stiffest contacts its steps permit.
+
+    The flight ends at the first contact force beyond its limits.
+    """
 
     kind: Literal["mujoco"]
     """Selects this plant."""
