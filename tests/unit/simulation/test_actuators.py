@@ -1,4 +1,4 @@
-"""Tests of actuators: lag and delay in closed form, limits, and a mixer that keeps thrust before tilt before yaw."""
+"""Tests of actuators: lag and delay in closed form, limits, and a mixer that keeps tilt before thrust before yaw."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ wrenches = st.tuples(st.floats(-5, 40), *[st.floats(-3, 3)] * 2, st.floats(-0.6,
 
 
 @given(count=st.sampled_from([4, 6, 8]), asked=wrenches)
-def test_rotor_limits_reduce_yaw_before_tilt(count, asked):
-    """Rotors stay within their limits and reduce yaw first, then tilt."""
+def test_rotor_limits_keep_directions_and_limits(count, asked):
+    """Rotors stay within their limits; tilt and yaw keep direction and sign, and neither grows."""
     of = ring(count)
     u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
     got = np.concatenate([np.asarray(u), np.asarray(tau)[0]])
@@ -82,8 +82,6 @@ def test_rotor_limits_reduce_yaw_before_tilt(count, asked):
     assert f.min() > -1e-9
     assert f.max() < 5 + 1e-9
     np.testing.assert_allclose(B @ f, got, atol=1e-9)
-    np.testing.assert_allclose(got[0], np.clip(asked[0], 0, 5 * count), atol=1e-9)  # thrust first
-    # tilt keeps its direction and its sign, and so does yaw; neither grows
     tilt = np.linalg.norm(asked[1:3])
     k = got[1:3] @ asked[1:3] / tilt**2 if tilt > 1e-9 else 1.0  # for less, all shares agree to 1e-9
     np.testing.assert_allclose(got[1:3], k * asked[1:3], atol=1e-9)
@@ -91,27 +89,36 @@ def test_rotor_limits_reduce_yaw_before_tilt(count, asked):
     assert -slack <= k <= 1 + slack
     s = got[3] / asked[3] if abs(asked[3]) > 1e-6 else 1.0
     assert -1e-6 <= s <= 1 + 1e-6
-    if k < 1 - 1e-6 and np.abs(asked[1:3]).max() > 1e-3:  # tilt was reduced: without yaw a rotor is at its limit
-        f = np.linalg.pinv(B) @ np.array([*got[:3], 0.0])
-        assert min(f.min(), 5 - f.max()) < 1e-6
+    if k < 1 - 1e-6 and np.abs(asked[1:3]).max() > 1e-3:  # tilt was reduced: it uses the range of a rotor
+        np.testing.assert_allclose(np.ptp(np.linalg.pinv(B)[:, 1:3] @ got[1:3]), 5, rtol=1e-6)
 
 
 @given(asked=wrenches)
-def test_four_rotors_attain_maximal_tilt_and_yaw(asked):
-    """Against a linear program: first the largest share of the tilt at that thrust, then the largest of the yaw."""
+def test_four_rotors_follow_the_priorities(asked):
+    """Against linear programs: most tilt at any thrust, yaw within its margin, nearest thrust, then the most yaw."""
     of = ring(4)
-    _, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
-    thrust = np.clip(asked[0], 0, 20)
-    tilt, yaw = np.array([0, *asked[1:3], 0]), np.array([0, 0, 0, asked[3]])
-    f_tilt, f_yaw = (np.asarray(of.mixer) @ part for part in (tilt, yaw))
+    u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
+    f_tilt, f_yaw = (np.asarray(of.mixer) @ part for part in ([0, *asked[1:3], 0], [0, 0, 0, asked[3]]))
 
-    def most(base: np.ndarray, share: np.ndarray) -> float:
-        A = np.concatenate([share, -share])[:, None]
-        return linprog([-1.0], A_ub=A, b_ub=np.concatenate([5 - base, base]) + 1e-12, bounds=[(0, 1)]).x[0]
+    def most(base: np.ndarray, part: np.ndarray, thrust: float | None, limit: float = 1.0) -> float:
+        """Largest share of a part, with a given thrust or with any."""
+        rows = np.column_stack([part, np.full(4, 0.25)])
+        found = linprog(
+            [-1.0, 0.0],
+            A_ub=np.vstack([rows, -rows]),
+            b_ub=np.concatenate([5 - base, base]) + 1e-12,
+            bounds=[(0, limit), (thrust, thrust)],
+        )
+        return found.x[0]
 
-    base = np.full(4, thrust / 4)
-    k = most(base, f_tilt)
-    s = most(base + k * f_tilt, f_yaw)
+    k = most(np.zeros(4), f_tilt, None)
+    margin = min(1.0, actuators.YAW_MARGIN * 5 / max(np.abs(f_yaw).max(), 1e-12))
+    first = most(k * f_tilt, f_yaw, None, margin)
+    base = k * f_tilt + first * f_yaw
+    least, highest = -4 * base.min(), 4 * (5 - base.max())
+    thrust = np.clip(asked[0], least, max(highest, least))
+    s = first + most(base, f_yaw, thrust, 1 - first)
+    np.testing.assert_allclose(np.asarray(u)[0], thrust, atol=1e-6)
     np.testing.assert_allclose(np.asarray(tau)[0, :2], k * asked[1:3], atol=1e-6)
     np.testing.assert_allclose(np.asarray(tau)[0, 2], s * asked[3], atol=1e-6)
 
@@ -119,12 +126,10 @@ def test_four_rotors_attain_maximal_tilt_and_yaw(asked):
 @given(count=st.sampled_from([4, 6]), asked=wrenches)
 def test_feasible_commands_are_realized(count, asked):
     of = ring(count)
-    f = np.asarray(of.mixer) @ asked
-    if f.min() >= 0 and f.max() <= 5:
-        base = np.asarray(of.mixer)[:, :3] @ asked[:3]
-        u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
-        if base.min() >= 0 and base.max() <= 5:  # thrust and tilt alone are within the limits as well
-            np.testing.assert_allclose(np.concatenate([u, np.asarray(tau)[0]]), asked, atol=1e-9)
+    f, base = np.asarray(of.mixer) @ asked, np.asarray(of.mixer)[:, :3] @ asked[:3]
+    u, tau = of(jnp.array(asked[:1]), jnp.array(asked[None, 1:]))
+    if min(f.min(), base.min()) >= 0 and max(f.max(), base.max()) <= 5:  # thrust and tilt alone are feasible as well
+        np.testing.assert_allclose(np.concatenate([u, np.asarray(tau)[0]]), asked, atol=1e-9)
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
