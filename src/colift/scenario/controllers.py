@@ -191,7 +191,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     allocator: interfaces.Allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
     if isinstance(settings.allocation, schema.ConstrainedAllocation):
         allocator = _constrained(settings, nominal, allocator)
-        health = effectiveness.EffectivenessFilter(residual_std=array(learning.agents.signal_std.force_N))
+        health = _effectiveness_filter(settings)
     bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
@@ -235,6 +235,16 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         if (part := getattr(settings.plugins, name, None)) is not None
     }
     return dataclasses.replace(default, **user_defined)
+
+
+def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.EffectivenessFilter | None:
+    """Return the estimate of rotor effectiveness; None for actuators with limits of single rotors.
+
+    A rotor at its limit gives less thrust than commanded, which the filter would take for a loss.
+    """
+    if isinstance(settings.actuators, schema.LaggedMotors) and settings.actuators.rotors is not None:
+        return None
+    return effectiveness.EffectivenessFilter(residual_std=array(settings.learning.agents.signal_std.force_N))
 
 
 def _command_link(settings: schema.Scenario, allocation_map: AllocationMap) -> command_link.CommandLink | None:

@@ -62,6 +62,18 @@ def test_a_rotor_fault_reaches_the_world(to):
     np.testing.assert_array_equal(mixer.effectiveness, world.actuators.limits[0].effectiveness)
 
 
+def test_the_allocation_within_limits_estimates_effectiveness():
+    """Limits of single rotors would count as a loss."""
+    for allocation, actuators, estimated in (
+        ("constrained", {"kind": "ideal"}, True),
+        ("constrained", MOTORS, False),
+        ("least_squares", {"kind": "ideal"}, False),
+    ):
+        settings = load(allocation={"kind": allocation}, actuators=actuators)
+        found = experiment.make_experiment(settings, "C1").controller.effectiveness_filter
+        assert (found is not None) == estimated
+
+
 def test_a_rotor_fault_requires_rotors():
     with pytest.raises(ScenarioError, match=r"faults\[0\].kind.*requires actuators.rotors"):
         load(ROTOR)
