@@ -33,7 +33,8 @@ def transfer(x: np.ndarray | np.generic) -> jax.Array:
 
 @functools.lru_cache(maxsize=1024)
 def _transferred(dtype: np.dtype, shape: tuple[int, ...], content: bytes) -> jax.Array:
-    return jax.device_put(np.frombuffer(content, dtype).reshape(shape))
+    with jax.ensure_compile_time_eval():  # the result outlives a trace in which it is made
+        return jax.device_put(np.frombuffer(content, dtype).reshape(shape))
 
 
 def static(**kwargs: Any) -> Any:

@@ -1,5 +1,6 @@
 """Conversion of settings: equal arrays are shared, and user-defined sections without a hash are accepted."""
 
+import jax
 import numpy as np
 
 import colift
@@ -23,6 +24,12 @@ def test_changed_source_does_not_change_the_array():
     made = transfer(x)
     x[0] = 1.0
     np.testing.assert_array_equal(made, np.zeros(2))
+
+
+def test_array_made_in_a_trace_is_valid_after_it():
+    x = np.array([7.0, 11.0])
+    jax.jit(lambda y: y + transfer(x))(x)
+    np.testing.assert_array_equal(transfer(x), x)
 
 
 def test_function_is_evaluated_once_for_equal_arguments():
