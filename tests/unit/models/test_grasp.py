@@ -111,7 +111,7 @@ def test_constraint_velocity_is_the_derivative_of_the_constraint(structure: tupl
 
 @pytest.mark.parametrize("structure", teams.POOL)
 def test_condition_is_that_of_the_dense_matrix(structure: tuple) -> None:
-    """`check_grasp` returns cond(A M^-1 A^T), and no singular value is below the smallest one of the agents."""
+    """`grasp_condition` returns cond(A M^-1 A^T), and no singular value is below the smallest one of the agents."""
     team, z = grasped_team(structure)
     inputs = tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, t.joints))) for t, n in structure
