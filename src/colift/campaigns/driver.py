@@ -16,7 +16,7 @@ from colift.campaigns.engines import Engine, Outcome
 from colift.campaigns.flights import Batch, Cell, lost_row
 from colift.campaigns.sampling import PlannedFlight, plan_flights
 from colift.campaigns.spec import LoadedCampaign, StoppingRule
-from colift.campaigns.store import Store
+from colift.campaigns.store import COMPLETION_COLUMNS, Store
 from colift.runtime import signals
 
 MAX_ATTEMPTS = 3
@@ -51,18 +51,24 @@ class Progress:
         return 0 if self.stopped_at is not None else self.planned - self.stored - self.simulated
 
 
-def read_progress(campaign: LoadedCampaign, store: Store) -> Progress:
-    """Return the state of a campaign; OSError is raised if its folder cannot be read.
+def read_progress(
+    campaign: LoadedCampaign, store: Store, columns: Collection[str] = ()
+) -> tuple[Progress, pd.DataFrame]:
+    """Return the state of a campaign and columns of `campaign_table`, from one reading of its files.
+
+    OSError is raised if the folder cannot be read.
 
     Args:
         campaign: Specification with its scenario.
         store: Folder of its rows.
+        columns: Columns of the table.
     """
-    planned = plan_flights(campaign)
-    done = store.stored_ids(campaign.spec.keep == "signals")
+    planned, rule = plan_flights(campaign), campaign.spec.until
+    table = store.read({*COMPLETION_COLUMNS, *columns, *_columns_of(rule)})
+    done = store.complete_ids(table, campaign.spec.keep == "signals")
     stored = sum(flight.id in done for flight in planned)
-    values = _stored_values(campaign, store)
-    return Progress(len(planned), stored, stopped_at=_stopping_sample(campaign.spec.until, planned, values))
+    stopped_at = _stopping_sample(rule, planned, _values_in(table, rule))
+    return Progress(len(planned), stored, stopped_at=stopped_at), _rows_until(stopped_at, planned, table)
 
 
 def campaign_table(campaign: LoadedCampaign, store: Store, columns: Collection[str] | None = None) -> pd.DataFrame:
@@ -77,15 +83,15 @@ def campaign_table(campaign: LoadedCampaign, store: Store, columns: Collection[s
         columns: Columns to read; None: all.
     """
     planned, rule = plan_flights(campaign), campaign.spec.until
-    if columns is not None:
-        columns = {"id", *columns} if rule is None else {"id", rule.metric, *columns}
-    table = store.read(columns)
-    if rule is not None and rule.metric in table:
-        values = dict(zip(table["id"], table[rule.metric].astype(float), strict=True))
-        last = _stopping_sample(rule, planned, values)
-        planned = planned if last is None else tuple(flight for flight in planned if flight.sample < last)
+    table = store.read(None if columns is None else {"id", *columns, *_columns_of(rule)})
+    return _rows_until(_stopping_sample(rule, planned, _values_in(table, rule)), planned, table)
+
+
+def _rows_until(last: int | None, planned: Sequence[PlannedFlight], table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of planned flights in their order, up to the sample at which the stopping rule is satisfied."""
     positions = {identifier: k for k, identifier in enumerate(table["id"])}
-    return table.iloc[[positions[flight.id] for flight in planned if flight.id in positions]].reset_index(drop=True)
+    wanted = (flight.id for flight in planned if last is None or flight.sample < last)
+    return table.iloc[[positions[each] for each in wanted if each in positions]].reset_index(drop=True)
 
 
 def run_campaign(
@@ -240,9 +246,18 @@ def structure_key(flight: PlannedFlight) -> str:
 def _stored_values(campaign: LoadedCampaign, store: Store) -> dict[str, float]:
     """Return the metric of the stopping rule by flight; empty without a rule."""
     rule = campaign.spec.until
+    return {} if rule is None else _values_in(store.read({"id", *_columns_of(rule)}), rule)
+
+
+def _columns_of(rule: StoppingRule | None) -> tuple[str, ...]:
+    """Return the columns that a stopping rule requires."""
+    return () if rule is None else (rule.metric,)
+
+
+def _values_in(table: pd.DataFrame, rule: StoppingRule | None) -> dict[str, float]:
+    """Return the metric of the stopping rule by flight; empty without a rule."""
     if rule is None:
         return {}
-    table = store.read(("id", rule.metric))
     values = table.get(rule.metric, pd.Series(math.nan, index=table.index))
     return dict(zip(table["id"], values.astype(float), strict=True))
 

@@ -23,6 +23,8 @@ from colift.runtime import atomic_write, bounded_read, extras, run_directory
 
 TEXT_COLUMNS = ("id", "case", "termination_reason", "warnings", "worker", "version", "versions")
 """Columns that contain text."""
+COMPLETION_COLUMNS = ("id", "version", "termination_reason")
+"""Columns from which the complete flights follow."""
 MAX_PART_BYTES = 2**28
 """Largest file of a store [bytes]."""
 
@@ -62,7 +64,9 @@ class Store:
         frames = [_read_part(file, columns) for file in part_files(self.parts)]
         if not frames:
             return pd.DataFrame(columns=list(TEXT_COLUMNS), dtype=object)
-        return pd.concat(frames, ignore_index=True).drop_duplicates("id", ignore_index=True)
+        table = pd.concat(frames, ignore_index=True).drop_duplicates("id", ignore_index=True)
+        names = [name for name in TEXT_COLUMNS if name in table]
+        return table.astype(dict.fromkeys(names, object)).fillna(dict.fromkeys(names, ""))
 
     def stored_ids(self, with_logs: bool = False) -> frozenset[str]:
         """Return the identifiers of the flights that are complete.
@@ -73,7 +77,15 @@ class Store:
         Raises:
             OSError: As `read`, and if rows are of another version of colift.
         """
-        found = self.read(("id", "version", "termination_reason"))
+        return self.complete_ids(self.read(COMPLETION_COLUMNS), with_logs)
+
+    def complete_ids(self, found: pd.DataFrame, with_logs: bool = False) -> frozenset[str]:
+        """Return the identifiers of the flights of a table that are complete; see `stored_ids`.
+
+        Args:
+            found: Table with `COMPLETION_COLUMNS`.
+            with_logs: As in `stored_ids`.
+        """
         others = sorted(set(found["version"]) - {version("colift")})
         if others:
             raise OSError(
@@ -175,13 +187,12 @@ def _read_part(file: Path, columns: Collection[str] | None) -> pd.DataFrame:
         else:
             _require_pyarrow()
             found = _read_parquet(content, columns)
-        names = [name for name in TEXT_COLUMNS if name in found]
-        if "id" not in names:
+        if "id" not in found:
             raise ValueError("it has no column id")
     except (ValueError, KeyError) as error:  # pyarrow's errors of format are ValueError
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise OSError(f"{file} is damaged ({reason}): remove it, and its flights are simulated again") from None
-    return found.astype(dict.fromkeys(names, object)).fillna(dict.fromkeys(names, ""))
+    return found
 
 
 def _parse_column(column: pd.Series) -> pd.Series:
@@ -202,11 +213,9 @@ def _read_parquet(content: io.BytesIO, columns: Collection[str] | None) -> pd.Da
     """Return the columns of a Parquet file that exist."""
     from pyarrow import parquet
 
-    chosen = None
-    if columns is not None:
-        chosen = [name for name in parquet.read_schema(content).names if name in columns]
-        content.seek(0)
-    return pd.read_parquet(content, engine="pyarrow", columns=chosen)
+    file = parquet.ParquetFile(content)
+    chosen = None if columns is None else [name for name in file.schema_arrow.names if name in columns]
+    return file.read(chosen, use_threads=False).to_pandas()
 
 
 def _require_pyarrow() -> None:

@@ -80,8 +80,7 @@ def status(path: SpecArgument, out: OutOption = None, as_json: common.JsonOption
 
     with _reported_errors():
         campaign = _load(path)
-        found = driver.read_progress(campaign, _store(path, out))
-        rows = driver.campaign_table(campaign, _store(path, out), ("termination_reason", "cpu_s"))
+        found, rows = driver.read_progress(campaign, _store(path, out), ("cpu_s",))
     ended = rows["termination_reason"].str.split(":").str[0] if len(rows) else rows["termination_reason"]
     counts = {
         "planned": found.planned,

@@ -232,7 +232,8 @@ def _check_world(world: SimulatedWorld, state: State, clock: ControlClock) -> No
         check_disturbance(disturbance.name, disturbance.model)
     for group in world.disturbances.agents:
         for mounted in group:
-            check_disturbance(mounted.name, jax.tree.map(lambda x: x[0], mounted.model))
+            if not _is_builtin(mounted.model):
+                check_disturbance(mounted.name, jax.tree.map(lambda x: x[0], mounted.model))
     parts = (world.plant, world.actuators, *world.sensor_models)
     if all(map(_is_builtin, parts)):
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
@@ -10,6 +11,30 @@ import jax.numpy as jnp
 import numpy as np
 
 T = TypeVar("T")
+MAX_SHARED_BYTES = 4096
+"""Largest array of `transfer` that equal arrays share [bytes]; all of them together take at most 4 MB."""
+
+
+def transfer(x: np.ndarray | np.generic) -> jax.Array:
+    """Convert a NumPy array to one of JAX; equal small arrays are one object.
+
+    A transfer takes 20 us, and most arrays of experiments that differ in some numbers are equal.
+
+    Args:
+        x: Array or number on the host.
+
+    Returns:
+        The array, without a weak type.
+    """
+    if x.nbytes > MAX_SHARED_BYTES:
+        return jax.device_put(x)
+    return _transferred(x.dtype, x.shape, x.tobytes())
+
+
+@functools.lru_cache(maxsize=1024)
+def _transferred(dtype: np.dtype, shape: tuple[int, ...], content: bytes) -> jax.Array:
+    with jax.ensure_compile_time_eval():  # the result outlives a trace in which it is made
+        return jax.device_put(np.frombuffer(content, dtype).reshape(shape))
 
 
 def static(**kwargs: Any) -> Any:

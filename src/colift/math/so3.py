@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 Vector = Float[Array, "*#batch 3"]
@@ -213,3 +214,16 @@ def attitude_error_jacobian(R: Rotation, R_d: Rotation) -> Float[Array, "*#batch
     """
     Q = jnp.swapaxes(R, -1, -2) @ R_d
     return (jnp.trace(Q, axis1=-2, axis2=-1)[..., None, None] * identity(R.shape[:-2]) - Q) / 2
+
+
+def is_rotation(R: np.ndarray, tolerance: float) -> bool:
+    """Test whether a matrix is a rotation (host).
+
+    Args:
+        R: Matrix `(3, 3)`.
+        tolerance: Largest entry of `R^T R - I`.
+
+    Returns:
+        Whether the matrix is orthogonal to the tolerance and has a positive determinant.
+    """
+    return bool(np.abs(R.T @ R - np.eye(3)).max() <= tolerance and np.linalg.det(R) > 0)

@@ -315,16 +315,13 @@ def describe_redundant_arms(S: np.ndarray) -> str:
     return f"the constraints of arms {' and '.join(arms)} are redundant"
 
 
-def check_grasp(team: Team, state: State, names: Sequence[str] = ()) -> float:
-    """Test whether contact forces are unique and compute the condition number of the team's `A M^-1 A^T`.
+def check_grasp(team: Team, state: State, names: Sequence[str] = ()) -> None:
+    """Test whether contact forces are unique.
 
     Args:
         team: Team.
         state: State of the team.
         names: Names of the agents in team order, for messages.
-
-    Returns:
-        The condition number.
 
     Raises:
         ValueError: If the Delassus matrix of an agent is singular, condition number above `MAX_CONDITION`. The message
@@ -343,6 +340,18 @@ def check_grasp(team: Team, state: State, names: Sequence[str] = ()) -> float:
             )
     if faults:
         raise ValueError("redundant or singular grasp, so contact forces are not unique. " + "; ".join(faults))
+
+
+def grasp_condition(team: Team, state: State) -> float:
+    """Compute the condition number of the team's `A M^-1 A^T`.
+
+    Args:
+        team: Team.
+        state: State of the team.
+
+    Returns:
+        The condition number.
+    """
     return float(np.linalg.cond(np.asarray(_team_delassus_matrix(team, state))))
 
 
@@ -428,8 +437,9 @@ def iter_agents(
     """
     name = iter(agent_names(team, names))
     for group, state in zip(team.agent_groups, team_state.agents, strict=True):
+        on_host = jax.tree.map(np.asarray, (group, state))
         for j in range(state.r.shape[0]):
-            agent, q = jax.tree.map(lambda leaf, j=j: np.asarray(leaf)[j], (group, state))
+            agent, q = jax.tree.map(lambda leaf, j=j: leaf[j], on_host)
             yield next(name), agent, q.r, q.R
 
 

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from colift.math.pytree import pytree, static
+from colift.math.pytree import pytree, static, transfer
 
 
 @pytree
@@ -125,7 +125,7 @@ def stack_agents(agents: list[AerialManipulator]) -> AerialManipulator:
     Returns:
         Parameters with a leading `agents` axis.
     """
-    return jax.tree.map(lambda *leaves: jax.device_put(np.stack(leaves)), *agents)
+    return jax.tree.map(lambda *leaves: transfer(np.stack(leaves)), *agents)
 
 
 def select_agent(group: AerialManipulator, k: int) -> AerialManipulator:
@@ -138,7 +138,7 @@ def select_agent(group: AerialManipulator, k: int) -> AerialManipulator:
     Returns:
         Parameters of the agent.
     """
-    return jax.tree.map(lambda leaf: jax.device_put(np.asarray(leaf)[k]), group)
+    return jax.tree.map(lambda leaf: transfer(np.asarray(leaf)[k]), group)
 
 
 def agent_names(team: Team, names: Sequence[str] = ()) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
+from colift.math import so3
 from colift.models.parameters import Team, agent_names
 
 
@@ -49,7 +50,7 @@ def validate_team(team: Team, names: Sequence[str] = ()) -> None:
             axis, R = np.asarray(group.joint_axis[j, k]), np.asarray(group.joint_rotation[j, k])
             if not abs(np.linalg.norm(axis) - 1) <= 1e-9:
                 raise ValueError(f"{name}, joint {k}: joint_axis {axis.tolist()} is not a unit vector")
-            if not (np.allclose(R.T @ R, np.eye(3), atol=1e-9) and np.linalg.det(R) > 0):
+            if not so3.is_rotation(R, 1e-9):
                 raise ValueError(f"{name}, joint {k}: joint_rotation {R.tolist()} is not a rotation matrix")
 
 
@@ -83,7 +84,7 @@ def validate_inertia(body: str, mass: ArrayLike, inertia: ArrayLike) -> None:
     J = np.asarray(inertia)
     if J.shape != (3, 3) or not np.isfinite(J).all():
         raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not a 3 x 3 matrix of finite numbers")
-    if not np.allclose(J, J.T, rtol=0, atol=1e-9 * np.abs(J).max()):
+    if not np.abs(J - J.T).max() <= 1e-9 * np.abs(J).max():
         raise ValueError(f"{body}: inertia {J.tolist()} kg m^2 is not symmetric")
     a, b, c = np.linalg.eigvalsh(J)
     if not a > 0:

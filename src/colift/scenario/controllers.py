@@ -38,7 +38,7 @@ from colift.onboard.learning import kalman_correction, label_filter, residual_co
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
 from colift.scenario import team as team_module
-from colift.scenario.conversion import actuator_lag, array, build_plugin
+from colift.scenario.conversion import actuator_lag, array, build_plugin, once
 from colift.scenario.errors import ScenarioError
 
 
@@ -64,11 +64,11 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
         for gain, every, yaw in zip((given.k_R, given.k_omega), stated, limited, strict=True)
     )
     result = tracking.Gains(
-        K_p=jnp.diag(array(given.K_p)),
-        K_v=jnp.diag(array(given.K_v)),
+        K_p=array(np.diag(given.K_p)),
+        K_v=array(np.diag(given.K_v)),
         k_R=array(k_R),
         k_omega=array(k_omega),
-        jerk_feedback=jnp.ones(()),
+        jerk_feedback=array(1.0),
         agent_k_R=array(given.agent_k_R),
         agent_k_omega=array(given.agent_k_omega),
         posture_bandwidth=array(given.posture_bandwidth),
@@ -88,7 +88,7 @@ def agents_in_hover(settings: schema.Scenario, nominal: Team) -> list[bound_tips
     return [
         bound_tips.HoverAgent(
             agent := parameters.select_agent(group, j),
-            posture[j],
+            array(np.asarray(posture)[j]),
             float(yaws[j]),
             g * (float(agent.mass.sum()) + share),
         )
@@ -118,11 +118,16 @@ def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap,
         if isinstance(given, schema.LeaderFollowerAllocation):
             result = leader_follower_allocation(c, [index[name] for name in given.leader_contacts])
         else:
-            result = least_squares_allocation(c)
+            result = _least_squares_allocation(c.tobytes())
         return result, _internal(given.internal, result, c, index)
     except ValueError as error:
         numbered = ", ".join(f"{i} {name}" for name, i in index.items())
         raise ScenarioError(f"{settings.name}: allocation: {error} (contacts: {numbered})") from None
+
+
+@once
+def _least_squares_allocation(contacts: bytes) -> AllocationMap:
+    return least_squares_allocation(np.frombuffer(contacts).reshape(-1, 3))
 
 
 def _internal(

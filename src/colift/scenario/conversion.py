@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import Any, TypeVar, TypeVarTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,24 +14,59 @@ from jaxtyping import Array
 from colift.closed_loop import part_checks
 from colift.math import so3
 from colift.math.linalg import matmul
+from colift.math.pytree import transfer
 from colift.models.actuator_lag import ActuatorLag
 from colift.scenario import schema
 from colift.scenario.errors import ScenarioError
 
+P = TypeVar("P")
+Q = TypeVarTuple("Q")
+KEPT_RESULTS = 4
+"""Number of results of `once`; the priors of a team of one group take two."""
+
 
 def array(numbers: object) -> Array:
     """Convert numbers to a float64 array without a weak type; `jnp.asarray` would compile a program for each shape."""
-    return jax.device_put(np.array(numbers, dtype=float))
+    return transfer(np.array(numbers, dtype=float))
+
+
+def once(f: Callable[[*Q], P]) -> Callable[[*Q], P]:
+    """Evaluate a function once for equal sections of a scenario.
+
+    Arguments without a hash, such as settings of user-defined parts that contain lists, are evaluated each time.
+
+    Args:
+        f: Function whose result is immutable and depends on its arguments only.
+
+    Returns:
+        The function, which keeps its last results.
+    """
+    kept = functools.lru_cache(maxsize=KEPT_RESULTS)(f)
+
+    @functools.wraps(f)
+    def evaluate(*args: *Q) -> P:
+        try:
+            hash(args)
+        except TypeError:
+            return f(*args)
+        return kept(*args)
+
+    return evaluate
 
 
 def rows(vectors: Iterable[schema.Vector]) -> Array:
     """Stack n vectors, also for n = 0, to an array `(n, 3)`."""
-    return array(list(vectors)).reshape(-1, 3)
+    return transfer(np.array(list(vectors), dtype=float).reshape(-1, 3))
 
 
 def rotation(deg: schema.Vector) -> Array:
     """Return the rotation `R_z(yaw) R_y(pitch) R_x(roll)` for roll, pitch, yaw [deg]."""
-    return _turned(jnp.deg2rad(array(deg)))
+    return _rotation(np.deg2rad(np.array(deg, dtype=float)).tobytes())
+
+
+@functools.lru_cache(maxsize=256)
+def _rotation(angles: bytes) -> Array:
+    return _turned(np.frombuffer(angles))
 
 
 @jax.jit
@@ -42,9 +78,6 @@ def _turned(angles: Array) -> Array:
 def actuator_lag(lag: schema.ActuatorLag, settings: schema.Scenario) -> ActuatorLag:
     """Return the lag, with its delay in control periods."""
     return ActuatorLag(bandwidth=array(lag.bandwidth_Hz), delay=round(lag.delay_s * settings.control_Hz))
-
-
-P = TypeVar("P")
 
 
 def build_plugin(plugin: schema.PluginReference, location: str, kind: type[P], *arguments: Any) -> P:

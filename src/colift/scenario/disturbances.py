@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from colift.closed_loop import part_checks
+from colift.math.pytree import transfer
 from colift.scenario import schema, team
 from colift.scenario.conversion import array, build_plugin, check_plugin, rows
-from colift.scenario.cross_checks import bodies
 from colift.simulation.disturbances import (
     AgentDisturbance,
     ConstantWrench,
@@ -59,9 +58,9 @@ def _attach_to_group(
     carriers: dict[int, list[float]] = {}
     for k, agent in enumerate(group):
         if source.acts_on in ("agents", agent.name):
-            body = bodies(settings.agent_types[agent.type].model_dump()).index(source.body)
+            body = team.body_names(settings.agent_types[agent.type]).index(source.body)
             carriers.setdefault(body, [0.0] * len(group))[k] = 1.0
-    model = jax.tree.map(lambda x: jax.device_put(np.broadcast_to(x, (len(group), *x.shape))), _make_model(source))
+    model = jax.tree.map(lambda x: transfer(np.broadcast_to(x, (len(group), *x.shape))), _make_model(source))
     for body, active in carriers.items():
         point = array([source.attachment_point_m] * len(group))
         yield AgentDisturbance(body=body, name=source.name, model=model, point=point, active=array(active))
@@ -75,7 +74,7 @@ def _friction(settings: schema.Scenario, group: list[schema.Agent]) -> JointFric
         for source in frictions:
             if source.acts_on in ("agents", agent.name):
                 table[k] = source.viscous_Nms, source.coulomb_Nm, source.smoothing_speed_radps
-    viscous, coulomb, speed = (jax.device_put(np.tile(column[:, None], (1, joints))) for column in table.T)
+    viscous, coulomb, speed = (array(np.tile(column[:, None], (1, joints))) for column in table.T)
     return JointFriction(viscous=viscous, coulomb=coulomb, speed=speed)
 
 
@@ -90,7 +89,7 @@ def _wind(source: schema.Wind) -> Wind | TimeVaryingWind:
         mean=array(source.mean_wind_mps),
         gust=rows(gust.amplitude_mps for gust in source.gusts),
         wave=rows(gust.wave_vector_radpm for gust in source.gusts),
-        phase=jnp.deg2rad(array([gust.phase_deg for gust in source.gusts])),
+        phase=array(np.deg2rad([gust.phase_deg for gust in source.gusts])),
     )
     if source.direction_change is None and all(gust.period_s is None for gust in source.gusts):
         return wind
@@ -98,7 +97,7 @@ def _wind(source: schema.Wind) -> Wind | TimeVaryingWind:
     return TimeVaryingWind(
         base_wind=wind,
         phase_rate=array([0.0 if gust.period_s is None else 2 * np.pi / gust.period_s for gust in source.gusts]),
-        turn_angle=jnp.deg2rad(array(turn.change_deg)),
+        turn_angle=array(np.deg2rad(turn.change_deg)),
         start=array(turn.start_s),
         ramp_time=array(turn.ramp_time_s),
     )

@@ -77,7 +77,7 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     given, z = settings.learning, initial_states.initial_state(settings, truth)
     drawn, error, sources = (
         random_residuals.sample_residuals(settings, truth, z),
-        zero_residual(truth),
+        _zero_residual(truth),
         disturbances.make_disturbances(settings),
     )
     if drawn is not None:
@@ -107,6 +107,9 @@ def make_experiments(settings: Scenario, cases: Sequence[str]) -> dict[str, flig
     check_plugin(part_checks.check_parts, c1)
     termination.true_hover_thrust(settings, truth, controller, sources)
     return {case: _case_experiment(case, c1, settings) for case in cases}
+
+
+_zero_residual = jax.jit(zero_residual)
 
 
 def _identification_options(settings: Scenario, team: Team) -> online_learner.IdentificationOptions:

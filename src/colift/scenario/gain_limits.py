@@ -28,9 +28,9 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
+from colift.math.pytree import transfer
 from colift.models.parameters import Team
 from colift.onboard.control import bound_tips
 from colift.scenario import controllers, schema
@@ -146,7 +146,7 @@ def team_limits(team: Sequence[bound_tips.HoverAgent], payload_mass: float, g: f
     rho = payload_mass / (payload_mass + sum(float(each.agent.mass.sum()) for each in team))
     inertial, levers, ratio = payload_mass * np.eye(2), np.zeros((2, 2)), 1.0
     for agent, posture, yaw, _ in team:
-        p, bound, motion = bound_tips.motion_about_tips(agent, posture, jax.device_put(bound_tips.rotation_z(yaw)))
+        p, bound, motion = bound_tips.motion_about_tips(agent, posture, transfer(bound_tips.rotation_z(yaw)))
         m, height = float(p.mass), -float(np.asarray(p.tip_from_com)[:, 2].mean())
         D, motion = np.asarray(bound)[:2, :2], np.asarray(motion)
         if not (np.isfinite(D).all() and np.isfinite(motion).all()):  # straight arms, which other checks report

@@ -41,15 +41,48 @@ def initial_state(settings: schema.Scenario, truth: Team, moving: bool = True) -
             contains the remaining error), if a body is not physically consistent, or if the grasp is redundant,
             singular or not controllable there.
     """
+    _check_team(settings, truth)
+    return _consistent_state(settings, truth, settings.initial_state, moving)
+
+
+def equilibrium_state(settings: schema.Scenario, team: Team) -> State:
+    """Return the state at rest with the payload at the start of its reference; raises as `initial_state`."""
+    _check_team(settings, team)
+    return state_at_rest(settings, team)
+
+
+def state_at_rest(settings: schema.Scenario, team: Team) -> State:
+    """Return the equilibrium of a team without structural errors, with physically consistent bodies.
+
+    Args:
+        settings: Scenario.
+        team: Parameters for which `initial_state` exists.
+
+    Returns:
+        State at rest; raises as `initial_state`.
+    """
+    return _consistent_state(settings, team, schema.InitialState(), moving=False)
+
+
+def _check_team(settings: schema.Scenario, truth: Team) -> None:
+    """Check the properties of a team that do not depend on its state."""
     structure.check_structure(settings, truth)
-    given, d = settings.initial_state, trajectories.setpoint(trajectories.make_reference(settings), jnp.zeros(()))
+    try:
+        validation.validate_team(truth, team.agent_names(settings))
+    except ValueError as error:
+        raise ScenarioError(f"{settings.name}: {error}") from None
+
+
+def _consistent_state(settings: schema.Scenario, truth: Team, given: schema.InitialState, moving: bool) -> State:
+    """Return the state on the constraint manifold with the stated errors from the reference."""
+    d = trajectories.setpoint(trajectories.make_reference(settings), array(0.0))
     load = PayloadState(
         p=d.p + array(given.position_error_m),
-        R=_off(d.R, jnp.deg2rad(array(given.attitude_error_deg))),
+        R=_off(d.R, array(np.deg2rad(given.attitude_error_deg))),
         v=array(given.velocity_mps),
         omega=array(given.angular_velocity_radps),
     )
-    moving = moving and max(float(jnp.abs(x).max()) for x in (d.v, d.omega)) > STANDSTILL
+    moving = moving and max(float(np.abs(x).max()) for x in (d.v, d.omega)) > STANDSTILL
     if moving:
         load = dataclasses.replace(load, v=load.v + d.v, omega=load.omega + load.R.T @ (d.R @ d.omega))
     agents = tuple(
@@ -65,7 +98,6 @@ def initial_state(settings: schema.Scenario, truth: Team, moving: bool = True) -
         z = contact_dynamics.consistent_initial_state(
             truth, State(agents=agents, payload=load), names, team.contact_names(settings)
         )
-        validation.validate_team(truth, names)
         grasp.check_grasp(truth, z, names)
         grasp.check_controllability(truth, z, names)
     except ValueError as error:
@@ -92,8 +124,3 @@ def _moved(agents: AerialManipulator, q: AgentState, d: PayloadSetpoint) -> Agen
     """Return the agents with the velocity of the payload at the mean of their contacts."""
     arm = agents.contact_position.mean(1) @ d.R.T
     return dataclasses.replace(q, v=q.v + d.v[None] + so3.cross((d.R @ d.omega)[None], arm))
-
-
-def equilibrium_state(settings: schema.Scenario, team: Team) -> State:
-    """Return the state at rest with the payload at the start of its reference; raises as `initial_state`."""
-    return initial_state(settings.model_copy(update={"initial_state": schema.InitialState()}), team, moving=False)

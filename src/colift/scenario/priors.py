@@ -15,7 +15,7 @@ from colift.models.parameters import Team
 from colift.onboard.learning import model_update, residual_model, semiparametric
 from colift.onboard.learning.features import DefaultFeatures, Features
 from colift.scenario import schema
-from colift.scenario.conversion import array, build_plugin
+from colift.scenario.conversion import array, build_plugin, once
 from colift.scenario.errors import ScenarioError
 
 
@@ -46,9 +46,9 @@ def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.Resi
     """
     learning, feature_map, covariance = settings.learning, features(settings), kernel(settings)
 
-    def prior(name: str, features: Sequence[str]) -> gp.GPPosterior:
+    def prior(name: str, features: Sequence[str], copies: int | None = None) -> gp.GPPosterior:
         try:
-            return gp.prior(_hyper(getattr(learning, name), features, covariance), learning.max_samples)
+            return _prior(getattr(learning, name), tuple(features), covariance, learning.max_samples, copies)
         except ValueError as error:
             raise ScenarioError(f"{settings.name}: learning.{name}: {error}") from None
 
@@ -56,14 +56,22 @@ def prior_model(settings: schema.Scenario, nominal: Team) -> residual_model.Resi
         features=feature_map,
         payload=prior("payload", feature_map.payload_names()),
         agents=tuple(
-            jax.tree.map(
-                lambda x, size=size: jax.device_put(np.broadcast_to(x, (size, *x.shape))),
-                prior("agents", feature_map.agent_names(group.tree.joints)),
-            )
+            prior("agents", feature_map.agent_names(group.tree.joints), size)
             for size, group in zip(nominal.sizes, nominal.agent_groups, strict=True)
         ),
-        inertial_parameters=jnp.zeros(10),
+        inertial_parameters=array(np.zeros(10)),
     )
+
+
+@once
+def _prior(
+    given: schema.GPPrior, features: tuple[str, ...], kernel: gp.Kernel, capacity: int, copies: int | None
+) -> gp.GPPosterior:
+    """Return the prior of one model, or of equal models with a leading axis; all experiments share its arrays."""
+    one = gp.prior(_hyper(given, features, kernel), capacity)
+    if copies is None:
+        return one
+    return jax.tree.map(lambda x: jax.device_put(np.broadcast_to(x, (copies, *x.shape))), one)
 
 
 def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:
@@ -73,15 +81,19 @@ def fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOpt
         return None
     feature_map, covariance = features(settings), kernel(settings)
 
-    def hyperprior(stated: schema.GPPrior, features: Sequence[str]) -> gp.HyperPrior:
-        return gp.HyperPrior(_hyper(stated, features, covariance))
-
     return model_update.FitOptions(
-        payload=hyperprior(given.payload, feature_map.payload_names()),
+        payload=_hyperprior(given.payload, tuple(feature_map.payload_names()), covariance),
         agents=tuple(
-            hyperprior(given.agents, feature_map.agent_names(group.tree.joints)) for group in nominal.agent_groups
+            _hyperprior(given.agents, tuple(feature_map.agent_names(group.tree.joints)), covariance)
+            for group in nominal.agent_groups
         ),
     )
+
+
+@once
+def _hyperprior(given: schema.GPPrior, features: tuple[str, ...], kernel: gp.Kernel) -> gp.HyperPrior:
+    """Return the prior of the hyperparameters of one model."""
+    return gp.HyperPrior(_hyper(given, features, kernel))
 
 
 def position_only_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:

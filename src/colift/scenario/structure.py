@@ -127,6 +127,8 @@ def _generic_rank(group: AerialManipulator) -> int:
     for _ in range(NUM_POSTURES):
         values, _ = grasp.grasp_jacobian_svd(own, generator.uniform(-1.0, 1.0, group.tree.joints))
         rank = max(rank, int((values > RANK_TOLERANCE * values[0]).sum()))
+        if rank == 3 * n:  # no posture has a larger one
+            break
     return rank
 
 

@@ -6,14 +6,13 @@ the order of the groups.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from colift.math.pytree import transfer
 from colift.models.parameters import AerialManipulator, KinematicTree, Payload, Team, stack_agents
 from colift.scenario import schema
 from colift.scenario.conversion import array, rotation, rows
-from colift.scenario.cross_checks import bodies
 
 
 def team(settings: schema.Scenario) -> tuple[Team, Team]:
@@ -69,7 +68,7 @@ def joint_names(settings: schema.Scenario) -> tuple[str, ...]:
 
 def initial_yaw(settings: schema.Scenario) -> tuple[Array, ...]:
     """Return the yaw angle of every agent [rad], by group."""
-    return tuple(jnp.deg2rad(array([agent.yaw_deg for agent in group])) for group in group_agents(settings))
+    return tuple(array(np.deg2rad([agent.yaw_deg for agent in group])) for group in group_agents(settings))
 
 
 def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
@@ -77,14 +76,15 @@ def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
     kinds = settings.agent_types
     return tuple(
         array(
-            [
+            np.reshape(
                 [
                     j.nominal_position_rad if isinstance(j, schema.Revolute) else j.nominal_position_m
+                    for a in group
                     for j in kinds[a.type].joints
-                ]
-                for a in group
-            ]
-        ).reshape(len(group), -1)
+                ],
+                (len(group), -1),
+            )
+        )
         for group in group_agents(settings)
     )
 
@@ -104,8 +104,13 @@ def _nominal_type(kind: schema.AgentType, nominal: schema.NominalAgentType | Non
     return kind.model_copy(update={"base": nominal.base or kind.base, "joints": joints})
 
 
+def body_names(kind: schema.AgentType) -> list[str]:
+    """Return the names of the bodies of an agent type, base first."""
+    return ["base", *(joint.name for joint in kind.joints)]
+
+
 def _tree(kind: schema.AgentType) -> KinematicTree:
-    index = {name: i for i, name in enumerate(bodies(kind.model_dump()))}
+    index = {name: i for i, name in enumerate(body_names(kind))}
     return KinematicTree(
         parents=tuple(index[joint.parent] for joint in kind.joints),
         prismatic=tuple(joint.type == "prismatic" for joint in kind.joints),
@@ -122,8 +127,8 @@ def _agent(kind: schema.AgentType, agent: schema.Agent) -> AerialManipulator:
         com=array([body.center_of_mass_m for body in parts]),
         inertia=array([body.inertia_kgm2 for body in parts]),
         joint_position=rows([joint.position_m for joint in kind.joints]),
-        joint_rotation=array([rotation(joint.rpy_deg) for joint in kind.joints]).reshape(-1, 3, 3),
-        joint_axis=jnp.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True)),
+        joint_rotation=transfer(np.array([rotation(j.rpy_deg) for j in kind.joints], dtype=float).reshape(-1, 3, 3)),
+        joint_axis=array(axes / np.linalg.norm(axes, axis=1, keepdims=True)),
         tip_position=rows([arm.tip_position_m for arm in kind.arms]),
         contact_position=rows(agent.contact_positions_m),
         thrust_max=array(kind.thrust_max_N),

@@ -79,7 +79,7 @@ def true_hover_thrust(
 
     Args:
         settings: Scenario.
-        truth: True parameters.
+        truth: True parameters, for which an initial state exists.
         base_controller: Controller.
         sources: Disturbances.
 
@@ -89,7 +89,7 @@ def true_hover_thrust(
     Raises:
         ScenarioError: If it exceeds the largest thrust of an agent.
     """
-    z, given = initial_states.equilibrium_state(settings, truth), settings.allocation.internal
+    z, given = initial_states.state_at_rest(settings, truth), settings.allocation.internal
     f, moments = _acting(sources, truth, z), [0.0] if given is None else [0.0, (given.start_s + given.end_s) / 2]
     required = np.max([hover_forces(truth, base_controller, z, f, array(t))[0] for t in moments], axis=0)
     have = np.concatenate([group.thrust_max for group in truth.agent_groups])

@@ -12,17 +12,22 @@ from jaxtyping import Array
 from colift.closed_loop import part_checks
 from colift.math import so3
 from colift.scenario import packing, schema, team
-from colift.scenario.conversion import array, build_plugin, check_plugin, rotation
+from colift.scenario.conversion import array, build_plugin, check_plugin, once, rotation
 from colift.trajectories import base, departure, knots, lissajous, minimum_snap, pose_spline
 from colift.trajectories.rotation_legs import shortest_turns
 
+Reference = schema.Lissajous | schema.Waypoints | schema.Sampled | schema.Plugin
 HALF_TURN = 1e-3
 """Distance from a half turn [rad] within which the stated angles decide on the direction of a leg."""
 
 
 def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
     """Return the reference trajectory of the payload."""
-    given = settings.reference
+    return _reference(settings.reference)
+
+
+def _reference(given: Reference) -> base.ReferenceTrajectory:
+    """Return the reference trajectory of a section."""
     if isinstance(given, schema.Plugin):
         reference = build_plugin(given, "reference", base.ReferenceTrajectory)
         check_plugin(part_checks.check_reference, reference)
@@ -31,16 +36,22 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
         return _waypoints(given)
     if isinstance(given, schema.Sampled):
         return _sampled(given.tables["position_knots"], given.tables["attitude_knots"])
+    return _lissajous(given)
+
+
+@once
+def _lissajous(given: schema.Lissajous) -> base.ReferenceTrajectory:
+    """Return a closed reference curve."""
     loop = lissajous.Lissajous(
         center=array(given.center_m),
         amplitude=array(given.amplitude_m),
         period=array(given.period_s),
-        phase=jnp.deg2rad(array(given.phase_deg)),
+        phase=array(np.deg2rad(given.phase_deg)),
         ramp_time=array(given.ramp_time_s),
         R=rotation(given.rpy_deg),
-        rotation_amplitude=jnp.deg2rad(array(given.rotation_amplitude_deg)),
+        rotation_amplitude=array(np.deg2rad(given.rotation_amplitude_deg)),
         rotation_period=array(given.rotation_period_s),
-        rotation_phase=jnp.zeros(3),
+        rotation_phase=array(np.zeros(3)),
     )
     if (off := given.departure) is None:
         return loop
@@ -49,7 +60,7 @@ def make_reference(settings: schema.Scenario) -> base.ReferenceTrajectory:
         offset=array(off.offset_m),
         start=array(off.start_s),
         ramp_time=array(off.ramp_time_s),
-        rotation_amplitude=jnp.deg2rad(array(off.rotation_amplitude_deg)),
+        rotation_amplitude=array(np.deg2rad(off.rotation_amplitude_deg)),
         rotation_start=array(off.rotation_start_s),
         rotation_period=array(off.rotation_period_s),
     )
@@ -108,8 +119,14 @@ def headings(settings: schema.Scenario) -> tuple[Array, ...]:
     Returns:
         The headings.
     """
-    heading = _heading(setpoint(make_reference(settings), jnp.zeros(())).R)
+    heading = _initial_heading(settings.reference)
     return tuple(yaw + heading for yaw in team.initial_yaw(settings))
+
+
+@once
+def _initial_heading(given: Reference) -> Array:
+    """Return the heading of a reference at t = 0 [rad]."""
+    return _heading(setpoint(_reference(given), array(0.0)).R)
 
 
 @jax.jit

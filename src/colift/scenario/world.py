@@ -211,11 +211,11 @@ def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:
     given = settings.sensors
     return SensorNoise(
         position=array(given.position_m),
-        attitude=jnp.deg2rad(array(given.attitude_deg)),
+        attitude=array(np.deg2rad(given.attitude_deg)),
         velocity=array(given.velocity_mps),
         angular_velocity=array(given.angular_velocity_radps),
         accelerometer=array(given.accelerometer_mps2),
-        joint_position=jnp.deg2rad(array(given.joint_position_deg)),
+        joint_position=array(np.deg2rad(given.joint_position_deg)),
         tip_force=array(given.tip_force_N),
         tip_force_bias=array(given.tip_force_bias_N),
         tip_force_bandwidth=array(given.tip_force_bandwidth_Hz),

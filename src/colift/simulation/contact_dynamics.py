@@ -424,10 +424,6 @@ def _shift(
     return StateTangent(agents=agents, payload=jnp.concatenate([payload_pose, payload_velocity]))
 
 
-_project = jax.jit(project_to_constraints)
-_residuals = jax.jit(lambda team, z: (grasp.constraint_residual(team, z), grasp.constraint_rate(team, z)))
-
-
 def consistent_initial_state(
     team: Team, guess: State, names: Sequence[str] = (), contacts: Sequence[str] = ()
 ) -> State:
@@ -450,18 +446,12 @@ def consistent_initial_state(
             message contains the remaining residuals in m and m/s.
     """
     for R, label in _attitudes(guess, agent_names(team, names)):
-        if not np.allclose(R.T @ R, np.eye(3), atol=1e-6) or np.linalg.det(R) < 0:
+        if not so3.is_rotation(R, 1e-6):
             raise ValueError(f"initial state: the attitude R of {label} is not a rotation matrix: {R.tolist()}")
-    metric, z = _scaled_masses(team), guess
-    best = residual = _contact_residuals(team, z)
-    for _ in range(NEWTON_ITERATIONS):
-        z = _project(metric, z)
-        residual = _contact_residuals(team, z)
-        if residual.max() <= CONSISTENCY_TOLERANCE:
-            return z
-        if not np.isfinite(residual).all():
-            break
-        best = min(best, residual, key=np.max)
+    z, *residuals = _newton(team, guess)
+    residual, best = map(np.asarray, residuals)
+    if residual.max() <= CONSISTENCY_TOLERANCE:
+        return z
     remaining = ", ".join(
         f"{label}: {gap:.3g} m, {rate:.3g} m/s"
         for label, gap, rate in zip(contacts or grasp.contact_names(team, names), *best, strict=True)
@@ -475,6 +465,24 @@ def consistent_initial_state(
 
 
 @jax.jit
+def _newton(team: Team, guess: State) -> tuple[State, Array, Array]:
+    """Project a state until it is consistent; return it, its residuals and the smallest ones."""
+    metric, initial = _scaled_masses(team), _contact_residuals(team, guess)
+
+    def project(carry: tuple[State, Array, Array, Array]) -> tuple[State, Array, Array, Array]:
+        z, _, best, i = carry
+        z = project_to_constraints(metric, z)
+        residual = _contact_residuals(team, z)
+        return z, residual, jnp.where(residual.max() < best.max(), residual, best), i + 1
+
+    def unfinished(carry: tuple[State, Array, Array, Array]) -> Array:
+        _, residual, _, i = carry
+        far = (residual.max() > CONSISTENCY_TOLERANCE) & jnp.isfinite(residual).all()
+        return (i == 0) | (far & (i < NEWTON_ITERATIONS))
+
+    return jax.lax.while_loop(unfinished, project, (guess, initial, initial, jnp.zeros((), int)))[:3]
+
+
 def _scaled_masses(team: Team) -> Team:
     """Scale the payload and the rotational inertia of the bases so that a correction hardly moves them."""
     payload = dataclasses.replace(
@@ -487,9 +495,10 @@ def _scaled_masses(team: Team) -> Team:
     return dataclasses.replace(team, agent_groups=groups, payload=payload)
 
 
-def _contact_residuals(team: Team, state: State) -> np.ndarray:
-    """Return the distance [m] and the relative speed [m/s] of every contact, `(2, contacts)`."""
-    return np.stack([np.linalg.norm(part, axis=1) for part in _residuals(team, state)])
+def _contact_residuals(team: Team, state: State) -> Float[Array, "2 contacts"]:
+    """Return the distance [m] and the relative speed [m/s] of every contact."""
+    parts = grasp.constraint_residual(team, state), grasp.constraint_rate(team, state)
+    return jnp.stack([jnp.sqrt((part * part).sum(1)) for part in parts])
 
 
 def _attitudes(state: State, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str]]:

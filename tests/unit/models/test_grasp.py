@@ -111,13 +111,13 @@ def test_constraint_velocity_is_the_derivative_of_the_constraint(structure: tupl
 
 @pytest.mark.parametrize("structure", teams.POOL)
 def test_condition_is_that_of_the_dense_matrix(structure: tuple) -> None:
-    """`check_grasp` returns cond(A M^-1 A^T), and no singular value is below the smallest one of the agents."""
+    """`grasp_condition` returns cond(A M^-1 A^T), and no singular value is below the smallest one of the agents."""
     team, z = grasped_team(structure)
     inputs = tuple(
         AgentInput(u=jnp.zeros(n), tau=jnp.zeros((n, 3)), tau_r=jnp.zeros((n, t.joints))) for t, n in structure
     )
     expected = PinocchioTeam(team).solve_kkt(z, inputs, zero_residual(team))
-    assert grasp.check_grasp(team, z) == pytest.approx(expected.condition, rel=1e-6)
+    assert grasp.grasp_condition(team, z) == pytest.approx(expected.condition, rel=1e-6)
     assert float(min_singular_value(team, z).min()) <= expected.singular[-1] * (1 + 1e-9)
 
 
@@ -150,7 +150,7 @@ def test_singular_pose_is_refused_with_name_and_arms() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     r = jnp.array([[0, 1.2, -1.2], [0, np.pi / 2, -np.pi / 2]])
     stretched = dataclasses.replace(z, agents=(dataclasses.replace(z.agents[0], r=r),))
-    assert grasp.check_grasp(team, z) < 1e3
+    assert grasp.grasp_condition(team, z) < 1e3
     with pytest.raises(ValueError, match=r"front: rank 5 of 6.*the constraints of arms 1 and 2 are redundant") as e:
         grasp.check_grasp(team, stretched, ("rear", "front"))
     assert "rear" not in str(e.value)

@@ -18,6 +18,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from colift.math.pytree import transfer
 from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.onboard.control import redundancy, tracking
@@ -67,7 +68,7 @@ def right_half_plane_zero(agent: AerialManipulator, posture: Float[Array, "n_r"]
     Returns:
         The zero [rad/s]; infinite if the agent does not limit yaw, and without thrust.
     """
-    p, D, _ = motion_about_tips(agent, posture, jax.device_put(rotation_z(yaw)))
+    p, D, _ = motion_about_tips(agent, posture, transfer(rotation_z(yaw)))
     height, c = -float(np.asarray(p.tip_from_com)[:, 2].mean()), np.asarray(agent.contact_position).mean(0)
     tangent = np.array([-c[1], c[0], 0.0]) / max(float(np.hypot(c[0], c[1])), np.finfo(float).tiny)
     lever = float(p.mass) * height * float(tangent @ np.asarray(D) @ tangent)
@@ -137,7 +138,7 @@ def acceleration_loop_gain(team: Sequence[HoverAgent], gains: tracking.Gains, pa
     inertial, rotation = payload_mass * np.eye(2), np.zeros((2, 2))
     for agent, posture, yaw, _ in team:
         R = rotation_z(yaw)
-        p, D, motion = motion_about_tips(agent, posture, jax.device_put(R))
+        p, D, motion = motion_about_tips(agent, posture, transfer(R))
         m, motion = float(p.mass), np.asarray(motion)
         xi = np.concatenate([np.eye(3), motion[3:]])
         inertia = np.diagonal(xi.T @ np.asarray(p.M_bar) @ xi)[:2]

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from colift import gp
 from colift.gp import error_bounds
 from colift.gp.likelihood import min_noise_ratio
-from colift.math.pytree import pytree
+from colift.math.pytree import pytree, transfer
 from colift.onboard.learning import residual_model
 
 DETERMINISTIC_BOUNDS = frozenset({"energy"})
@@ -125,7 +125,7 @@ def confidence_bands(
     for group, eps in zip(model.agents, assumptions.agents, strict=True):
         if not np.asarray(group.num_points).any():
             groups.append(group)
-            betas.append(jnp.full(eps.shape, assumptions.rkhs_norm, dtype=float))
+            betas.append(transfer(np.full(eps.shape, assumptions.rkhs_norm, dtype=float)))
             continue
         # NumPy slices and stacks the arrays: JAX would compile a program for each operation.
         one = [jax.tree.map(lambda x, j=j: jnp.asarray(np.asarray(x)[j]), group) for j in range(len(group.num_points))]
@@ -141,7 +141,7 @@ def _body_bound(
 ) -> tuple[gp.GPPosterior, Float[Array, " outputs"]]:
     """Return the companion posterior of one body and its factors."""
     if int(model.num_points) == 0:
-        return model, jnp.full(len(eps), assumptions.rkhs_norm, dtype=float)
+        return model, transfer(np.full(len(eps), assumptions.rkhs_norm, dtype=float))
     share = error_bounds.update_confidence_share(update_index) / (bodies * len(eps))
     (confidence,) = error_bounds.union_bound_levels(assumptions.confidence, [share])
     companion = bound_posterior(model, assumptions.bound, assumptions.rkhs_norm, eps)

@@ -15,10 +15,11 @@ from collections.abc import Mapping
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from colift import gp
-from colift.math.pytree import pytree
+from colift.math.pytree import pytree, transfer
 from colift.models.state import (
     AgentState,
     GeneralizedForce,
@@ -57,7 +58,7 @@ class ResidualModel:
     agents: tuple[gp.GPPosterior, ...]
     inertial_parameters: Float[Array, "10"]
     mean_function: MeanFunction | None = None
-    update_index: Int[Array, ""] = dataclasses.field(default_factory=lambda: jnp.zeros((), int))
+    update_index: Int[Array, ""] = dataclasses.field(default_factory=lambda: transfer(np.zeros((), int)))
 
 
 def predict_mean(model: ResidualModel, payload: PayloadState, agents: tuple[AgentState, ...]) -> ResidualForces:
