@@ -100,6 +100,11 @@ def estimates(
     team, _, _, stream = estimation.steady_stream()
     rng = np.random.default_rng(4)
     noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
+    noisy = dataclasses.replace(  # attitudes remain rotations
+        noisy,
+        payload=dataclasses.replace(noisy.payload, R=stream.payload.R),
+        agents=tuple(dataclasses.replace(m, R=exact.R) for m, exact in zip(noisy.agents, stream.agents, strict=True)),
+    )
     noisy = jax.vmap(lambda m: dataclasses.replace(m, measurement_age_s={"agents.lam": jnp.array(age)}))(noisy)
     e = zero_residual(team) if seed is None else random_forces(team, np.random.default_rng(seed))
     f_hat = jax.tree.map(jnp.add, random_forces(team, np.random.default_rng(0)), e)

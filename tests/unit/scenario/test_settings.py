@@ -75,6 +75,7 @@ def test_a_scenario_has_at_most_196_settings():
         "AgentType.joints",
         "Scenario.actuators",
         "Scenario.allocation",
+        "Scenario.contact_forces",
         "Scenario.disturbances",
         "Scenario.faults",
         "Scenario.physics",
