@@ -17,7 +17,8 @@ from colift.scenario import controllers, priors, schema, trajectories
 from colift.scenario.conversion import array
 from colift.scenario.errors import ScenarioError
 from colift.simulation import contact_dynamics
-from colift.simulation.faults import Faults
+from colift.simulation.faults import Faults, LinkFault
+from colift.simulation.sensors import StuckReading
 
 JOINT_AMPLITUDE = (0.15, 0.01)  # rad and m, amplitude of revolute and prismatic joints
 JOINT_FREQUENCIES = (0.3, 0.7)  # Hz, frequencies of the first and of the last joint of an agent
@@ -54,6 +55,7 @@ def make_calibration(settings: schema.Scenario, experiment: flight.Experiment) -
         world,
         plant=contact_dynamics.RigidContactPlant(),
         faults=released,
+        sensor_models=tuple(each for each in world.sensor_models if not isinstance(each, StuckReading | LinkFault)),
         mass_step=None,
         payload_on_ground=True,
     )
@@ -103,6 +105,8 @@ def _free_flight(
         controller,
         estimator=dataclasses.replace(estimator, contact_forces=contact_forces.FreeFlight()),
         agent_controller=agents,
+        effectiveness_filter=None,
+        command_link=None,
         preview_step=None,
         residual_model=dataclasses.replace(
             controller.residual_model, mean_function=mean_functions.zero_drag_thrust(team.sizes)
