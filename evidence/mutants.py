@@ -140,15 +140,15 @@ MUTANTS = {
     # state estimation
     "agent inputs: label filter omitted": Mutant(
         "onboard/estimation/state_estimator.py",
-        "inputs=_filter_label(state.inputs, flatten_agent_state(q), b_label, initialized)",
-        "inputs=steady_state(flatten_agent_state(q))",
+        "inputs=_filter_label(state.inputs, balance.x, b, initialized)",
+        "inputs=steady_state(balance.x)",
         "unit/onboard/test_state_estimator",
         "test_model_inputs_have_the_delay_of_labels",
     ),
     "payload inputs: label filter omitted": Mutant(
         "onboard/estimation/state_estimator.py",
-        "_filter_label(state.inputs, inputs, b, ",
-        "_filter_label(state.inputs, inputs, 0.0 * b + 1.0, ",
+        "_filter_label(state.inputs, flatten_payload_state(payload, a), b, ",
+        "_filter_label(state.inputs, flatten_payload_state(payload, a), 0.0 * b + 1.0, ",
         "unit/onboard/test_state_estimator",
         "test_model_inputs_have_the_delay_of_labels",
     ),
@@ -346,10 +346,22 @@ MUTANTS = {
         "unit/onboard/test_contact_forces",
     ),
     "contact forces: measured ones in place of reconstructed ones": Mutant(
-        "onboard/estimation/state_estimator.py",
-        "jnp.where(valid > 0, lam, reconstructed)",
-        "lam",
+        "onboard/estimation/contact_forces.py",
+        "jnp.where(valid > 0, each.measured, reconstructed)",
+        "each.measured",
         "unit/onboard/test_contact_forces",
+    ),
+    "contact forces: payload's equations omitted": Mutant(
+        "onboard/estimation/contact_forces.py",
+        "rhs + weighted @ payload.y",
+        "rhs",
+        "unit/onboard/test_residual_prior_estimator",
+    ),
+    "contact forces: noise of a period omitted": Mutant(
+        "onboard/estimation/contact_forces.py",
+        "P if self.noise is None else P + P @ _block_diagonal(noise_blocks) @ P",
+        "P",
+        "unit/onboard/test_residual_prior_estimator",
     ),
     "model update: error not offset": Mutant(
         "onboard/learning/kalman_correction.py",

@@ -20,7 +20,7 @@ from pymavlink.dialects.v20 import common as mavlink
 from scipy.spatial.transform import Rotation
 
 from colift.closed_loop import simulator
-from colift.closed_loop.flight import Experiment, _draw_noise
+from colift.closed_loop.flight import Experiment, draw_noise
 from colift.integrations import px4_frames, px4_hil
 from colift.models.measurement import AgentReading
 from colift.scenario import experiment
@@ -98,7 +98,7 @@ def test_flight_equals_that_without_autopilots(plan: Experiment, flight: tuple[l
 
     But for signals of 32 bits, 6e-8 of a rotor's force.
     """
-    noise = _draw_noise(plan.world, jax.random.fold_in(jax.random.fold_in(jax.random.key(plan.seed), 2), 0), 250)
+    noise = draw_noise(plan.world, jax.random.fold_in(jax.random.fold_in(jax.random.key(plan.seed), 2), 0), 250)
     _, rows = simulator.rollout(
         plan.loop_config, simulator.reset(plan.loop_config, plan.initial_state), noise, jnp.asarray(TICKS)
     )

@@ -11,6 +11,7 @@ import pytest
 
 from colift.closed_loop import flight, signals
 from colift.models import aerial_manipulator
+from colift.models.measurement import Measurement
 from colift.models.parameters import KinematicTree, Team
 from colift.models.state import AgentInput, ResidualForces, flatten_agent_force, zero_residual
 from colift.onboard.estimation import contact_forces, state_estimator
@@ -100,12 +101,17 @@ def estimates(
     team, _, _, stream = estimation.steady_stream()
     rng = np.random.default_rng(4)
     noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
-    noisy = dataclasses.replace(  # attitudes remain rotations
-        noisy,
-        payload=dataclasses.replace(noisy.payload, R=stream.payload.R),
-        agents=tuple(dataclasses.replace(m, R=exact.R) for m, exact in zip(noisy.agents, stream.agents, strict=True)),
-    )
-    noisy = jax.vmap(lambda m: dataclasses.replace(m, measurement_age_s={"agents.lam": jnp.array(age)}))(noisy)
+
+    def prepared(m: Measurement, exact: Measurement) -> Measurement:
+        """Return a reading with exact attitudes, which remain rotations, and with the age of the tip readings."""
+        return dataclasses.replace(
+            m,
+            measurement_age_s={"agents.lam": jnp.array(age)},
+            payload=dataclasses.replace(m.payload, R=exact.payload.R),
+            agents=tuple(dataclasses.replace(a, R=b.R) for a, b in zip(m.agents, exact.agents, strict=True)),
+        )
+
+    noisy = jax.vmap(prepared)(noisy, stream)
     e = zero_residual(team) if seed is None else random_forces(team, np.random.default_rng(seed))
     f_hat = jax.tree.map(jnp.add, random_forces(team, np.random.default_rng(0)), e)
     estimate, state = estimation.run_estimator(team, estimation.FILTERS, noisy, estimation.constant_inputs(), f_hat)
