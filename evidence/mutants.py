@@ -359,7 +359,7 @@ MUTANTS = {
     ),
     "contact forces: noise of a period omitted": Mutant(
         "onboard/estimation/contact_forces.py",
-        "P if self.noise is None else P + P @ _block_diagonal(noise_blocks) @ P",
+        "P if self.noise is None else P + P @ jax.scipy.linalg.block_diag(*noise_blocks) @ P",
         "P",
         "unit/onboard/test_residual_prior_estimator",
     ),

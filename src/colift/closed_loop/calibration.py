@@ -52,7 +52,7 @@ class CalibrationFlight:
         experiment: Experiment with open contacts, a `FreeFlightController`, the contact forces `FreeFlight`, and a
             `CalibrationRecorder`.
         mean_prior: Prior of the mean parameters of the models.
-        min_std: Least standard deviations of the errors by group: those of the label noise [N, N m].
+        min_std: Least standard deviations of the errors by group [N, N m]; positive, since weights are their inverses.
     """
 
     experiment: flight.Experiment

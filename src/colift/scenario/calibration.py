@@ -92,11 +92,11 @@ def _free_flight(
         kinds = np.array([JOINT_AMPLITUDE[prismatic] for prismatic in group.tree.prismatic])
         amplitude.append(array(np.broadcast_to(kinds, q.r.shape)))
         frequency.append(array(np.broadcast_to(np.linspace(*JOINT_FREQUENCIES, group.tree.joints), q.r.shape)))
+    start = controller.reference.evaluate(jnp.zeros(())).p
     agents = free_flight.FreeFlightController(
         gains=controllers.gains(settings, team),
         yaw=trajectories.headings(settings),
-        start=controller.reference.evaluate(jnp.zeros(())).p,
-        x=tuple(q.x for q in z.agents),
+        offset=tuple(q.x - start[None] for q in z.agents),
         r=tuple(q.r for q in z.agents),
         amplitude=tuple(amplitude),
         frequency=tuple(frequency),

@@ -63,8 +63,8 @@ class Case:
             noise=tuple(map(jnp.asarray, self.N)),
         )
 
-    def balances(self, y: np.ndarray) -> tuple[contact_forces.AgentBalance, ...]:
-        """Return the equations of motion with stacked residuals of all agents."""
+    def balance(self, y: np.ndarray, y_L: np.ndarray) -> contact_forces.TeamBalance:
+        """Return the equations of motion with stacked residuals of all agents and that of the payload."""
         out, start = [], 0
         for group, q, J in zip(self.team.agent_groups, self.z.agents, self.J, strict=True):
             outputs = 6 + group.tree.joints
@@ -79,12 +79,16 @@ class Case:
                 )
             )
             start = stop
-        return tuple(out)
+        return contact_forces.TeamBalance(
+            agents=tuple(out),
+            payload=contact_forces.PayloadBalance(R=self.z.payload.R, y=jnp.asarray(y_L)),
+            reading_age=jnp.zeros(()),
+            f_hat=zero_residual(self.team),
+        )
 
     def estimate(self, y: np.ndarray, y_L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return contact forces in the world frame and their covariance."""
-        payload = contact_forces.PayloadBalance(R=self.z.payload.R, y=jnp.asarray(y_L))
-        found = self.estimator.estimate(self.team, self.balances(y), payload, jnp.zeros(()), zero_residual(self.team))
+        found = self.estimator.estimate(self.team, self.balance(y, y_L))
         assert found.covariance is not None
         world = [
             lam @ np.asarray(q.R).transpose(0, 2, 1) for lam, q in zip(found.base_frame, self.z.agents, strict=True)
@@ -126,10 +130,7 @@ def test_a_known_residual_gives_the_true_contact_forces():
     lam = rng.normal(size=A.shape[1])
     found, _ = case.estimate(-A @ lam, np.zeros(6))
     np.testing.assert_allclose(found, lam, atol=0.02)  # the prior of the contact forces shrinks weak directions
-    payload = contact_forces.PayloadBalance(R=case.z.payload.R, y=jnp.zeros(6))
-    free = contact_forces.FreeFlight().estimate(
-        case.team, case.balances(-A @ lam), payload, jnp.zeros(()), zero_residual(case.team)
-    )
+    free = contact_forces.FreeFlight().estimate(case.team, case.balance(-A @ lam, np.zeros(6)))
     assert all(not np.asarray(x).any() for x in free.base_frame)
 
 

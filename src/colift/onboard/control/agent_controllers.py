@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.models.parameters import AerialManipulator
-from colift.models.state import AgentInput, AgentState, GeneralizedForce, ResidualForces, TeamInputs
+from colift.models.state import AgentState, GeneralizedForce, ResidualForces, TeamInputs
 from colift.onboard.control import attitude, preview, realization, setpoints, tracking
 from colift.onboard.interfaces import ContactForceCommand, ControlContext, PartState, SaturationFlags
 
@@ -56,9 +55,9 @@ class ThrustVectoringController:
             requested = agent_inputs(
                 group, self.gains, team.gravity, q, payload, acceleration_cmd, setpoint, f, desired, deficit
             )
-            u = jnp.clip(requested.u, 0.0, group.thrust_max)
-            inputs.append(AgentInput(u=u, tau=requested.tau, tau_r=requested.tau_r))
-            saturated.append(u != requested.u)
+            limited, at_limit = realization.limit_thrust(group, requested)
+            inputs.append(limited)
+            saturated.append(at_limit)
         return (tuple(inputs), tuple(saturated)), state
 
     def attitude_setpoints(

@@ -6,34 +6,25 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from colift.math import so3
 from colift.math.pytree import pytree
-from colift.models import aerial_manipulator, inverse_dynamics
+from colift.models import aerial_manipulator
 from colift.models.parameters import AerialManipulator
 from colift.models.state import AgentInput, AgentState, GeneralizedForce, ResidualForces, TeamInputs
-from colift.onboard.control import attitude, tracking
+from colift.onboard.control import attitude, realization, tracking
 from colift.onboard.interfaces import ContactForceCommand, ControlContext, PartState, SaturationFlags
+from colift.trajectories.base import PayloadSetpoint
 
 Scalar = Float[Array, ""]
 
 
 @pytree
-class PointTrajectory:
-    """Desired position of a point with its derivatives [m, m/s, m/s^2, world]."""
-
-    p: Float[Array, "3"]
-    v: Float[Array, "3"]
-    a: Float[Array, "3"]
-
-
-@pytree
 class FreeFlightController:
-    """Agents fly along the path of the payload's reference, each from its own start, with oscillating joints.
+    """Agents fly along the path of the payload's reference, each with its own offset, with oscillating joints.
 
-    Implements the protocol `AgentController`. Contact forces are zero. With the displacement ``d`` of the reference
-    since the start, the center of mass and the joints follow::
+    Implements the protocol `AgentController`. Contact forces are zero. With the position ``p_d`` of the reference and
+    the offset ``o``, the center of mass and the joints follow::
 
-        x_dd = d'' - K_p (x - x_0 - d) - K_v (v - d'),    r_dd = s'' - k_p (r - r_0 - s) - k_v (r' - s')
+        x_dd = p_d'' - K_p (x - p_d - o) - K_v (v - p_d'),    r_dd = s'' - k_p (r - r_0 - s) - k_v (r' - s')
 
     with ``s_i = A_i sin(2 pi f_i t)`` and the least gains ``k_p, k_v`` of position. The thrust is directed as in
     `attitude.attitude_from_thrust`.
@@ -41,8 +32,7 @@ class FreeFlightController:
     Attributes:
         gains: Feedback gains; the payload's position gains apply to the centers of mass.
         yaw: Heading of each agent [rad, world], by group.
-        start: Position of the reference at the start [m, world].
-        x: Centers of mass at the start [m, world], by group.
+        offset: Centers of mass relative to the reference [m, world], by group.
         r: Joint positions at the start [rad or m], by group.
         amplitude: Amplitudes of the joints [rad or m], by group.
         frequency: Frequencies of the joints [Hz], by group.
@@ -50,8 +40,7 @@ class FreeFlightController:
 
     gains: tracking.Gains
     yaw: tuple[Float[Array, "agents"], ...]
-    start: Float[Array, "3"]
-    x: tuple[Float[Array, "agents 3"], ...]
+    offset: tuple[Float[Array, "agents 3"], ...]
     r: tuple[Float[Array, "agents n_r"], ...]
     amplitude: tuple[Float[Array, "agents n_r"], ...]
     frequency: tuple[Float[Array, "agents n_r"], ...]
@@ -69,17 +58,16 @@ class FreeFlightController:
         f_hat: ResidualForces,
     ) -> tuple[tuple[TeamInputs, SaturationFlags], PartState]:
         """Compute the inputs of all agents, with thrust limited to the range of the rotors; see `AgentController`."""
-        d, inputs, saturated = context.setpoint, [], []
+        inputs, saturated = [], []
         compute = jax.vmap(self._inputs, in_axes=(0, None, 0, 0, None, 0, 0, 0, 0, 0, None))
-        path = PointTrajectory(p=d.p - self.start, v=d.v, a=d.a)
         for i, (group, q, f) in enumerate(
             zip(context.team.agent_groups, context.estimate.agents, f_hat.agents, strict=True)
         ):
-            given = (self.x[i], self.r[i], self.yaw[i], self.amplitude[i], self.frequency[i])
-            requested = compute(group, context.team.gravity, q, f, path, *given, context.clock.t)
-            u = jnp.clip(requested.u, 0.0, group.thrust_max)
-            inputs.append(AgentInput(u=u, tau=requested.tau, tau_r=requested.tau_r))
-            saturated.append(u != requested.u)
+            given = (self.offset[i], self.r[i], self.yaw[i], self.amplitude[i], self.frequency[i])
+            requested = compute(group, context.team.gravity, q, f, context.setpoint, *given, context.clock.t)
+            limited, at_limit = realization.limit_thrust(group, requested)
+            inputs.append(limited)
+            saturated.append(at_limit)
         return (tuple(inputs), tuple(saturated)), state
 
     def _inputs(
@@ -88,8 +76,8 @@ class FreeFlightController:
         gravity: Float[Array, "3"],
         q: AgentState,
         f_hat: GeneralizedForce,
-        path: PointTrajectory,
-        x: Float[Array, "3"],
+        d: PayloadSetpoint,
+        offset: Float[Array, "3"],
         r: Float[Array, "n_r"],
         yaw: Scalar,
         amplitude: Float[Array, "n_r"],
@@ -98,20 +86,15 @@ class FreeFlightController:
     ) -> AgentInput:
         """Compute thrust and torques of one agent."""
         gains, w = self.gains, 2 * jnp.pi * frequency
-        a = path.a - gains.K_p @ (q.x - x - path.p) - gains.K_v @ (q.v - path.v)
+        a = d.a - gains.K_p @ (q.x - d.p - offset) - gains.K_v @ (q.v - d.v)
         s, c = amplitude * jnp.sin(w * t), amplitude * jnp.cos(w * t)
         k_p, k_v = jnp.diagonal(gains.K_p).min(), jnp.diagonal(gains.K_v).min()
         r_dd = -w * w * s - k_p * (q.r - r - s) - k_v * (q.r_dot - w * c)
         f = agent.mass.sum() * (a - gravity) - f_hat.f_x
         R_d = attitude.attitude_from_thrust(f, yaw)
-        omega_dot = -gains.agent_k_R * so3.e_R(q.R, R_d)
-        omega_dot = omega_dot - gains.agent_k_omega * so3.e_omega(q.R, q.omega, R_d, jnp.zeros(3))
+        omega_dot = realization.attitude_feedback(gains, q, R_d, jnp.zeros(3))
         g = aerial_manipulator.forward_kinematics(agent, q.r)
         p = aerial_manipulator.centroidal_model(agent, g)
         h, _ = aerial_manipulator.bias_forces(agent, g, p, q.omega, q.r_dot)
-        f_des, Q, thrust_torque = inverse_dynamics.agent_inverse_dynamics_reduced(
-            p, h, q, a - gravity, jnp.concatenate([omega_dot, r_dd]), jnp.zeros((agent.tree.arms, 3))
-        )
-        u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
-        Q = Q - u * thrust_torque
-        return AgentInput(u=u, tau=Q[:3] - f_hat.f_w, tau_r=Q[3:] - f_hat.f_r)
+        xi_dot, lam = jnp.concatenate([omega_dot, r_dd]), jnp.zeros((agent.tree.arms, 3))
+        return realization.inputs_for_acceleration(p, h, q, a - gravity, xi_dot, lam, f_hat)

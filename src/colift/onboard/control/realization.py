@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from colift.math import linalg, so3
 from colift.models import aerial_manipulator, inverse_dynamics
@@ -70,25 +70,70 @@ def agent_inputs(
     if is_redundant(agent):
         a_contact = point_acceleration(payload, acceleration_cmd, agent.contact_position).mean(0)
         attitude, free = posture_control(agent, gains, gravity, q, a_contact, setpoint, f_hat, p, attitude)
-    omega_dot = -gains.agent_k_R * so3.e_R(q.R, attitude.R)
-    omega_dot = omega_dot - gains.agent_k_omega * so3.e_omega(q.R, q.omega, attitude.R, attitude.omega)
+    omega_dot = attitude_feedback(gains, q, attitude.R, attitude.omega)
     if attitude.omega_dot is not None:
         to_body = q.R.T @ attitude.R
         omega_dot = omega_dot + to_body @ attitude.omega_dot - so3.cross(q.omega, to_body @ attitude.omega)
     y = motion_with_tip_constraint(agent, payload, acceleration_cmd, p, kappa, q.R, omega_dot, free)
     if has_uncontrolled_joints(agent):
         y = y.at[3:].add(uncontrolled_joint_acceleration(agent, p, f_hat.f_r))
-    f_des, Q, thrust_torque = inverse_dynamics.agent_inverse_dynamics_reduced(
-        p,
-        h,
-        q,
-        q.R @ y[:3] - gravity,
-        jnp.concatenate([omega_dot, y[3:]]),
-        setpoint.lam - deficit[None] / agent.tree.arms,
-    )
+    xi_dot, lam = jnp.concatenate([omega_dot, y[3:]]), setpoint.lam - deficit[None] / agent.tree.arms
+    return inputs_for_acceleration(p, h, q, q.R @ y[:3] - gravity, xi_dot, lam, f_hat)
+
+
+def attitude_feedback(
+    gains: Gains, q: AgentState, R_d: Float[Array, "3 3"], omega_d: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """Return the angular acceleration `-k_R e_R - k_w e_w` of an agent [rad/s^2, body frame].
+
+    Args:
+        gains: Feedback gains.
+        q: Estimated state of the agent.
+        R_d: Desired attitude, body to world.
+        omega_d: Desired angular velocity [rad/s, desired body frame].
+    """
+    omega_dot = -gains.agent_k_R * so3.e_R(q.R, R_d)
+    return omega_dot - gains.agent_k_omega * so3.e_omega(q.R, q.omega, R_d, omega_d)
+
+
+def inputs_for_acceleration(
+    p: aerial_manipulator.CentroidalModel,
+    h: Float[Array, "xi"],
+    q: AgentState,
+    specific_force: Float[Array, "3"],
+    xi_dot: Float[Array, "xi"],
+    lam: Float[Array, "arms 3"],
+    f_hat: GeneralizedForce,
+) -> AgentInput:
+    """Compute thrust and torques for an acceleration by inverse dynamics, with the thrust along the present attitude.
+
+    Args:
+        p: Centroidal model of the agent.
+        h: Bias forces [N m, N].
+        q: Estimated state of the agent.
+        specific_force: `x_dd - a_g` of the center of mass [m/s^2, world].
+        xi_dot: `(w_dot, r_dd)`, body frame [rad/s^2, m/s^2].
+        lam: Contact forces on the payload [N, world].
+        f_hat: Predicted residual of the agent.
+
+    Returns:
+        Thrust [N], body torque [N m, body frame], joint torques or forces [N m or N]; thrust is not limited here.
+    """
+    f_des, Q, thrust_torque = inverse_dynamics.agent_inverse_dynamics_reduced(p, h, q, specific_force, xi_dot, lam)
     u = ((f_des - f_hat.f_x) * q.R[:, 2]).sum()
     Q = Q - u * thrust_torque
     return AgentInput(u=u, tau=Q[:3] - f_hat.f_w, tau_r=Q[3:] - f_hat.f_r)
+
+
+def limit_thrust(group: AerialManipulator, requested: AgentInput) -> tuple[AgentInput, Bool[Array, "agents"]]:
+    """Limit the thrusts of a group to the range of the rotors, and return the agents whose thrust was limited.
+
+    Args:
+        group: Nominal parameters of the group.
+        requested: Requested inputs.
+    """
+    u = jnp.clip(requested.u, 0.0, group.thrust_max)
+    return AgentInput(u=u, tau=requested.tau, tau_r=requested.tau_r), u != requested.u
 
 
 def contact_force_deficits(

@@ -24,6 +24,7 @@ from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
+import jax.scipy.linalg
 from jaxtyping import Array, Float
 
 from colift.math import linalg
@@ -75,6 +76,23 @@ class PayloadBalance:
 
 
 @pytree
+class TeamBalance:
+    """Equations of motion of all bodies in one control period, with the data that replace contact forces.
+
+    Attributes:
+        agents: Equations of motion of the agents, by group.
+        payload: Equations of motion of the payload.
+        reading_age: Age of the tip force readings [s].
+        f_hat: Residual forces compensated in the previous control period.
+    """
+
+    agents: tuple[AgentBalance, ...]
+    payload: PayloadBalance
+    reading_age: Scalar
+    f_hat: ResidualForces
+
+
+@pytree
 class ContactForces:
     """Contact forces on the payload.
 
@@ -93,22 +111,12 @@ class ContactForces:
 class ContactForceEstimator(Protocol):
     """Protocol of the estimators of contact forces."""
 
-    def estimate(
-        self,
-        team: Team,
-        agents: tuple[AgentBalance, ...],
-        payload: PayloadBalance,
-        reading_age: Scalar,
-        f_hat: ResidualForces,
-    ) -> ContactForces:
+    def estimate(self, team: Team, balance: TeamBalance) -> ContactForces:
         """Return the contact forces of one control period.
 
         Args:
             team: Nominal parameters.
-            agents: Equations of motion of the agents, by group.
-            payload: Equations of motion of the payload.
-            reading_age: Age of the tip force readings [s].
-            f_hat: Residual forces compensated in the previous control period.
+            balance: Equations of motion and readings.
         """
         ...
 
@@ -126,18 +134,11 @@ class TipSensors:
 
     max_reading_age: Scalar = constant(0.02)
 
-    def estimate(
-        self,
-        team: Team,
-        agents: tuple[AgentBalance, ...],
-        payload: PayloadBalance,
-        reading_age: Scalar,
-        f_hat: ResidualForces,
-    ) -> ContactForces:
+    def estimate(self, team: Team, balance: TeamBalance) -> ContactForces:
         """Return the readings, or the reconstructed forces; see `ContactForceEstimator`."""
-        valid = (reading_age <= self.max_reading_age + 1e-9).astype(float)
+        valid = (balance.reading_age <= self.max_reading_age + 1e-9).astype(float)
         lam = []
-        for each, f in zip(agents, f_hat.agents, strict=True):
+        for each, f in zip(balance.agents, balance.f_hat.agents, strict=True):
             reconstructed = jax.vmap(reconstruct_contact_forces)(each.J_tip, each.R, flatten_agent_force(f) - each.y)
             lam.append(jnp.where(valid > 0, each.measured, reconstructed))
         return ContactForces(base_frame=tuple(lam), valid=valid)
@@ -147,16 +148,11 @@ class TipSensors:
 class FreeFlight:
     """Zero contact forces, for agents that do not hold the payload."""
 
-    def estimate(
-        self,
-        team: Team,
-        agents: tuple[AgentBalance, ...],
-        payload: PayloadBalance,
-        reading_age: Scalar,
-        f_hat: ResidualForces,
-    ) -> ContactForces:
+    def estimate(self, team: Team, balance: TeamBalance) -> ContactForces:
         """Return zero; see `ContactForceEstimator`."""
-        return ContactForces(base_frame=tuple(jnp.zeros_like(each.measured) for each in agents), valid=jnp.ones(()))
+        return ContactForces(
+            base_frame=tuple(jnp.zeros_like(each.measured) for each in balance.agents), valid=jnp.ones(())
+        )
 
 
 @pytree
@@ -191,15 +187,9 @@ class ResidualPriorEstimator:
     noise: tuple[Float[Array, "_outputs _outputs"], ...] | None = None
     prior: residual_model.ResidualModel | None = None
 
-    def estimate(
-        self,
-        team: Team,
-        agents: tuple[AgentBalance, ...],
-        payload: PayloadBalance,
-        reading_age: Scalar,
-        f_hat: ResidualForces,
-    ) -> ContactForces:
+    def estimate(self, team: Team, balance: TeamBalance) -> ContactForces:
         """Return the posterior mean and covariance of the contact forces; see `ContactForceEstimator`."""
+        agents, payload = balance.agents, balance.payload
         blocks, noise_blocks, b = [], [], []
         means = None if self.prior is None else residual_model.predict_agents(self.prior, tuple(a.x for a in agents))
         for i, (each, information) in enumerate(zip(agents, self.agent_information, strict=True)):
@@ -212,7 +202,7 @@ class ResidualPriorEstimator:
                 noise_blocks.extend(
                     linalg.matmul(linalg.matmul(weighted, self.noise[i][None]), linalg.transpose(weighted))
                 )
-        H, rhs = _block_diagonal(blocks), jnp.concatenate(b)
+        H, rhs = jax.scipy.linalg.block_diag(*blocks), jnp.concatenate(b)
         if self.payload_information is not None:
             G = grasp.grasp_matrix(grasp.contact_points(team), payload.R)
             weighted = G.T @ self.payload_information
@@ -224,7 +214,7 @@ class ResidualPriorEstimator:
         return ContactForces(
             base_frame=tuple(linalg.matmul(lam, each.R) for lam, each in zip(world, agents, strict=True)),
             valid=jnp.ones(()),
-            covariance=P if self.noise is None else P + P @ _block_diagonal(noise_blocks) @ P,
+            covariance=P if self.noise is None else P + P @ jax.scipy.linalg.block_diag(*noise_blocks) @ P,
         )
 
 
@@ -238,16 +228,6 @@ def contact_force_map(J_tip: Float[Array, "arms 3 xi"], R: Float[Array, "3 3"]) 
     arms = len(J_tip)
     moments = linalg.matmul(linalg.transpose(J_tip), R.T[None]).transpose(1, 0, 2)
     return jnp.concatenate([jnp.tile(jnp.eye(3), (1, arms)), moments.reshape(-1, 3 * arms)])
-
-
-def _block_diagonal(blocks: list[Float[Array, "_n _n"]]) -> Float[Array, "n n"]:
-    """Return the block-diagonal matrix of some square blocks."""
-    n, start, rows = sum(len(block) for block in blocks), 0, []
-    for block in blocks:
-        stop = start + len(block)
-        rows.append(jnp.pad(block, ((0, 0), (start, n - stop))))
-        start = stop
-    return jnp.concatenate(rows)
 
 
 def contact_jacobian(J_tip: Float[Array, "arms 3 xi"]) -> Float[Array, "xi contacts"]:

@@ -50,6 +50,7 @@ from colift.onboard.estimation.contact_forces import (
     AgentBalance,
     ContactForceEstimator,
     PayloadBalance,
+    TeamBalance,
     TipSensors,
 )
 from colift.onboard.estimation.nav_filter import FilterBandwidths, ImuBias, NavState, ReadingClock
@@ -270,16 +271,12 @@ def _update(
         team, filters, dataclasses.replace(state, clocks=clocks), measurement, dt
     )
     closed = not isinstance(estimator, contact_forces.FreeFlight)
-    update_agents = jax.vmap(
-        functools.partial(_update_agent, contacts_closed=closed),
-        in_axes=(0, None, None, 0, 0, 0, None, None, None, None),
-    )
-    found = [
-        update_agents(*each[:1], filters, payload, *each[1:], team.gravity, state.initialized, dt, clocks and clocks[1])
-        for each in zip(team.agent_groups, state.agents, measurement.agents, applied, strict=True)
-    ]
+    found = _update_agents(team, filters, state, payload, measurement, applied, clocks and clocks[1], dt, closed)
     age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
-    forces = estimator.estimate(team, tuple(of_agents for _, of_agents, _ in found), balance, age, f_hat)
+    forces = estimator.estimate(
+        team,
+        TeamBalance(agents=tuple(each for _, each, _ in found), payload=balance, reading_age=age, f_hat=f_hat),
+    )
     interval = state.time_since_label + dt
     # In periods without labels the filters of labels and inputs hold their values.
     b = forces.valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
@@ -316,6 +313,30 @@ def _update(
         lam_covariance=forces.covariance,
         sample=sample,
     ), next_state
+
+
+def _update_agents(
+    team: Team,
+    filters: FilterBandwidths,
+    state: EstimatorState,
+    payload: PayloadState,
+    measurement: Measurement,
+    applied: TeamInputs,
+    clock: ReadingClock | None,
+    dt: Scalar,
+    contacts_closed: bool,
+) -> list[tuple[AgentState, AgentBalance, AgentFilterState]]:
+    """Return the results of `_update_agent` by group."""
+    update_group = jax.vmap(
+        functools.partial(_update_agent, contacts_closed=contacts_closed),
+        in_axes=(0, None, None, 0, 0, 0, None, None, None, None),
+    )
+    return [
+        update_group(group, filters, payload, agents, readings, inputs, team.gravity, state.initialized, dt, clock)
+        for group, agents, readings, inputs in zip(
+            team.agent_groups, state.agents, measurement.agents, applied, strict=True
+        )
+    ]
 
 
 def _update_payload(
