@@ -21,7 +21,7 @@ from pathlib import Path
 from PIL import Image
 
 from colift.closed_loop import log
-from colift.scenario import experiment
+from colift.scenario.cases import ALL_CASES
 from colift.visualization import axes, playback, rendering, seed_figures
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +65,7 @@ def copied(name: str, out: Path) -> None:
 def seeds(out: Path) -> None:
     """Draw the metrics of all cases over the seeds."""
     found = importlib.import_module("evidence").stored("orderings")["items"]
-    seed_figures.plot_seed_spread(list(found.values()), experiment.ALL_CASES, out / "study_seeds")
+    seed_figures.plot_seed_spread(list(found.values()), ALL_CASES, out / "study_seeds")
     shutil.copy(out / "study_seeds.png", HERE)
 
 
@@ -78,7 +78,7 @@ def stored(name: str, _out: Path) -> None:
 def film(out: Path) -> None:
     """Draw the film of the start page."""
     logs = {case: log.load(flights(out, "study") / f"{case}.nc") for case in ("C1", "C3")}
-    drawn = [rendering.render_data(ds, axes.case_label(case, experiment.ALL_CASES)) for case, ds in logs.items()]
+    drawn = [rendering.render_data(ds, axes.case_label(case, ALL_CASES)) for case, ds in logs.items()]
     rendering.render_video(drawn, HERE / "flight.gif", speed=4.0, dpi=100)
 
 
@@ -88,7 +88,7 @@ def page(out: Path) -> None:
     logs = {case: log.load(flights(out, "study") / f"{case}.nc") for case in SHOWN}
     with tempfile.TemporaryDirectory() as folder, browser.page(Path(folder) / "profile") as window:
         file = Path(folder) / "playback.html"
-        file.write_text(playback.build_page(logs, experiment.ALL_CASES), encoding="utf-8")
+        file.write_text(playback.build_page(logs, ALL_CASES), encoding="utf-8")
         window.open(file)
         window.evaluate("document.querySelector('.chip').click(), seek(12)")
         window.wait_until_drawn()

@@ -11,11 +11,12 @@ from colift import scenario
 from colift.analysis import metrics
 from colift.closed_loop.flight import run_experiment
 from colift.scenario import experiment
+from colift.scenario.cases import ALL_CASES
 from evidence import collect
 from evidence.targets import Target
 
 SEEDS = range(11)  # 0 is the default
-CASES = tuple(experiment.ALL_CASES)
+CASES = tuple(ALL_CASES)
 
 
 def simulate_item(item: str) -> dict[str, Any]:

@@ -521,7 +521,7 @@ def test_quiet_run_prints_its_summary_as_json(tmp_path: Path, monkeypatch):
     title = done.stdout.index("final model, frozen")
     assert f"{1e3 * found['C1']['moved']['e_p_rms_m']:.1f}" in done.stdout[title:]
     status, message = invoke("run", "short.yaml", "--case", "C9")
-    assert (status, message) == (2, f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n")
+    assert (status, message) == (2, f"--case C9: must be one of {', '.join(ALL_CASES)}\n")
 
 
 def test_help_does_not_import_heavy_packages():
@@ -565,6 +565,7 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 from pathlib import Path
 from colift.cli import app as command, common, study, tables
+from colift.scenario.cases import ALL_CASES
 numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS}
 numbers |= {"complete": True, "termination_reason": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from colift.scenario import experiment
+from colift.scenario.cases import BASELINES, PAPER_CASES
 from tests.support import playback_logs as played
 from tests.support import random_logs as flights
 
 LONG = flights.PAPER._replace(time=400, period=0.05)  # 20 s
 CASES = ("C1", "C2", "C3")
 RIVALS = ("integral", "disturbance_observer", "parametric", "true_residual")
-TOLD = experiment.PAPER_CASES | experiment.BASELINES
+TOLD = PAPER_CASES | BASELINES
 
 
 def cases() -> dict[str, xr.Dataset]:

@@ -110,10 +110,10 @@ def _export_flights(out: Path, kind: str, convert: Callable[[xr.Dataset], bytes]
     """
     from colift.closed_loop import log
     from colift.runtime import atomic_write, run_directory
-    from colift.scenario import experiment
+    from colift.scenario.cases import ALL_CASES
 
     try:
-        run, found = log.load_flights(out, tuple(experiment.ALL_CASES))
+        run, found = log.load_flights(out, tuple(ALL_CASES))
         files = {f"{case}.{kind}": ds for case, ds in found.items()}
         with (
             run_directory.stage_run_directory(out, run, tuple(files)) as folder,

@@ -79,10 +79,10 @@ def study(
     Writes one NetCDF log for each case, figures as PDF and PNG, tables of length scales, and summary.json. Cases that
     the folder already contains are kept if all settings are equal. Status 1: a flight ended early.
     """
-    from colift.scenario import experiment
+    from colift.scenario.cases import BASELINES, PAPER_CASES
 
-    requested = list(experiment.PAPER_CASES) if cases is None else common.parse_cases(cases)
-    selected = dict.fromkeys([*requested, *(experiment.BASELINES if baselines else ())])
+    requested = list(PAPER_CASES) if cases is None else common.parse_cases(cases)
+    selected = dict.fromkeys([*requested, *(BASELINES if baselines else ())])
     if calibrate:
         overrides = [*CALIBRATION, *(overrides or ())]
     read = functools.partial(common.load_settings, name, overrides, duration, seed, engine)

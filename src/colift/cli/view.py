@@ -91,7 +91,7 @@ def playback(
 
     The page is OUT/playback.html and requires no network (docs/playback.md).
     """
-    from colift.scenario import experiment
+    from colift.scenario.cases import ALL_CASES
     from colift.visualization import camera, playback, rendering
 
     try:
@@ -99,14 +99,14 @@ def playback(
             framing = rendering.Framing(size=parse_size(size), follow=follow, start=start, end=end)
             requested = common.parse_cases(cases or ["C3"])
             with common.show_progress(f"reading the flights of {out}", announce=False):
-                data = _render_data(out, requested, experiment.ALL_CASES, camera.parse_view(view))
+                data = _render_data(out, requested, ALL_CASES, camera.parse_view(view))
             with common.show_progress(f"rendering {video or image}", announce=bool(video)) as progress:
                 _render(data, image, at, video, speed, framing, progress)
             with common.guard_output():
                 print(f"{', '.join(requested)}: {', '.join(str(file) for file in (image, video) if file)}")
             return
         with common.show_progress(f"writing the playback page of {out}", announce=False):
-            page = playback.write(out, experiment.ALL_CASES)
+            page = playback.write(out, ALL_CASES)
     except (ValueError, OSError) as error:
         common.fail(error)
     common.print_page(f"the flights are in {page}", page, open_page)
@@ -196,6 +196,7 @@ def live(
     """
     from colift import codegen, scenario
     from colift.scenario import experiment
+    from colift.scenario.cases import ALL_CASES
     from colift.visualization import live_view
 
     case = common.parse_case(case)
@@ -210,7 +211,7 @@ def live(
     try:
         settings = common.load_settings(name, overrides, duration, seed)
         with live_view.serve_live_flight(
-            settings, experiment.make_experiment(settings, case), case, experiment.ALL_CASES[case], ready
+            settings, experiment.make_experiment(settings, case), case, ALL_CASES[case], ready
         ) as flight:
             reason = f": {flight.termination_reason}" if flight.termination_reason else ""
             with common.guard_output():
@@ -228,14 +229,14 @@ def report(out: StudyArgument, open_page: common.OpenOption = False) -> None:
     The page is OUT/report.html and requires no network. It contains the settings, warnings, tables, figures, playback
     and, where it exists, the certificate (docs/playback.md).
     """
-    from colift.scenario import experiment
+    from colift.scenario.cases import ALL_CASES
     from colift.visualization.report import write_report
 
     try:
         with common.show_progress(f"writing the report of {out}", announce=False):
             page = write_report(
                 out,
-                experiment.ALL_CASES,
+                ALL_CASES,
                 tables.study_table,
                 lambda summary: (
                     tables.certificate_table(summary),
@@ -272,15 +273,15 @@ def compare(
     and the settings that differ. It requires no network.
     """
     from colift.analysis import comparison
-    from colift.scenario import experiment
+    from colift.scenario.cases import ALL_CASES
     from colift.visualization import comparison_page
 
     required = common.parse_cases(cases or ())
     try:
         with common.show_progress(f"comparing {len(folders)} folders", announce=False):
-            runs = comparison.load_runs(folders, required or tuple(experiment.ALL_CASES), required)
+            runs = comparison.load_runs(folders, required or tuple(ALL_CASES), required)
             target = common.results_folder(out, suffix="-comparison")(runs[0].settings)
-            page, figure, _ = comparison_page.write_comparison(runs, target, experiment.ALL_CASES)
+            page, figure, _ = comparison_page.write_comparison(runs, target, ALL_CASES)
     except (ValueError, OSError) as error:
         common.fail(error)
     found = comparison.compare_cases(runs)
@@ -302,12 +303,12 @@ def browse(
     The page is FOLDER/index.html: a table that can be sorted and filtered, with links to reports and playbacks. It
     requires no network. A damaged run has a row with the reason.
     """
-    from colift.scenario import experiment
+    from colift.scenario.cases import ALL_CASES
     from colift.visualization import index_page
 
     try:
         with common.show_progress(f"searching {folder}", announce=False):
-            page, runs = index_page.write_index(folder, experiment.ALL_CASES)
+            page, runs = index_page.write_index(folder, ALL_CASES)
     except (ValueError, OSError) as error:
         common.fail(error)
     damaged = sum(bool(run.damage) for run in runs)

@@ -40,10 +40,6 @@ from colift.scenario import (
 )
 from colift.scenario import world as world_module
 from colift.scenario.cases import AGENT_LEARNING_CASES, LEARNING_CASES, case_id
-from colift.scenario.cases import ALL_CASES as ALL_CASES
-from colift.scenario.cases import BASELINES as BASELINES
-from colift.scenario.cases import EXTENSIONS as EXTENSIONS
-from colift.scenario.cases import PAPER_CASES as PAPER_CASES
 from colift.scenario.conversion import check_plugin
 from colift.simulation import disturbances as disturbances_module
 from colift.simulation.world import SimulatedWorld

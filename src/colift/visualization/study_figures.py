@@ -65,8 +65,8 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
         ValueError: If there are no cases, or if a log contains no valid scenario.
 
     Example:
-        >>> run_id, logs = log.load_flights(Path("out/paper"), experiment.ALL_CASES)  # doctest: +SKIP
-        >>> write_figures(logs, experiment.ALL_CASES, "figures")  # doctest: +SKIP
+        >>> run_id, logs = log.load_flights(Path("out/paper"), ALL_CASES)  # doctest: +SKIP
+        >>> write_figures(logs, ALL_CASES, "figures")  # doctest: +SKIP
     """
     if not cases:
         raise ValueError("there are no cases: figures require at least one log")

@@ -35,7 +35,7 @@ from colift.closed_loop.flight import FlightResult
 from colift.closed_loop.simulator import WorldT
 from colift.runtime import atomic_write
 from colift.scenario import Scenario, experiment, loading
-from colift.scenario.experiment import ALL_CASES, PAPER_CASES, case_id
+from colift.scenario.cases import ALL_CASES, PAPER_CASES, case_id
 from colift.workflows import study
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ def make_experiment(scenario: Scenario, case: str = "C3") -> Experiment:
 
     Args:
         scenario: Scenario.
-        case: Identifier of the case in any capitalization; see `colift.scenario.experiment.ALL_CASES`.
+        case: Identifier of the case in any capitalization; see `colift.scenario.cases.ALL_CASES`.
 
     Returns:
         World, controller, initial state and clock as one immutable value. `dataclasses.replace` changes a part.

@@ -9,6 +9,7 @@ import pytest
 from colift.certification import assumptions
 from colift.closed_loop import flight
 from colift.scenario import disturbances, experiment
+from colift.scenario.cases import BASELINES, PAPER_CASES
 from colift.simulation import sensors
 from colift.simulation.disturbances import Wind, time_varying_names
 from tests.support import paper_flights as paper
@@ -77,7 +78,7 @@ def test_run_bounds_assume_the_estimated_state():
     bound = paper.paper_experiment("C3").bound_assumptions.assumed
     assert bound == ("rkhs norm", "bounded noise energy")
     assert assumptions.logged_bound_assumptions(exact_sensors()) == (*bound, assumptions.SAMPLED)
-    cases = experiment.make_experiments(paper.SETTINGS, (*experiment.PAPER_CASES, *experiment.BASELINES))
+    cases = experiment.make_experiments(paper.SETTINGS, (*PAPER_CASES, *BASELINES))
     for case, one in cases.items():
         is_baseline = case in (
             "disturbance_observer",

@@ -19,6 +19,7 @@ from colift.codegen import build
 from colift.integrations import c_export
 from colift.onboard.learning import residual_model
 from colift.scenario import experiment, schema
+from colift.scenario.cases import ALL_CASES
 from tests.support import small_team as light
 
 TICKS = 500
@@ -165,7 +166,7 @@ def test_unknown_case_gives_one_line_and_status_2(tmp_path: Path):
     """On the command line an unknown case gives one line and status 2."""
     result = CliRunner().invoke(app, ["export", "c", "paper", "--case", "C9", "--out", str(tmp_path / "c")])
     assert result.exit_code == 2
-    assert result.stderr == f"--case C9: must be one of {', '.join(experiment.ALL_CASES)}\n"
+    assert result.stderr == f"--case C9: must be one of {', '.join(ALL_CASES)}\n"
     assert not (tmp_path / "c").exists()
 
 

@@ -19,7 +19,7 @@ from colift.onboard import controller, interfaces
 from colift.onboard.control import agent_controllers, allocation, payload_controllers, tracking
 from colift.onboard.estimation import state_estimator
 from colift.onboard.learning import recorder, residual_model, residual_predictors
-from colift.scenario import experiment
+from colift.scenario.cases import BASELINES, PAPER_CASES
 from colift.simulation import disturbances, sensors
 from colift.trajectories import base
 from tests.support import paper_flights
@@ -183,7 +183,7 @@ def test_parameter_mismatch_uses_commanded_acceleration():
 
 
 def test_only_true_residual_uses_the_true_residual():
-    for case in experiment.PAPER_CASES | experiment.BASELINES:
+    for case in PAPER_CASES | BASELINES:
         assert isinstance(paper_experiment(case).controller.residual_predictor, residual_predictors.TrueResidual) == (
             case == "true_residual"
         )

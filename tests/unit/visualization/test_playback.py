@@ -23,7 +23,8 @@ from colift import scenario
 from colift.cli.app import app
 from colift.closed_loop import log
 from colift.runtime import run_directory
-from colift.scenario import experiment, team
+from colift.scenario import team
+from colift.scenario.cases import PAPER_CASES
 from colift.visualization import playback, scene
 from colift.workflows import study
 from tests.support import browser
@@ -114,7 +115,7 @@ def test_arrow_scale_fits_the_team():
 def test_page_size_is_limited():
     """Twenty seconds of three cases have at most two megabytes."""
     ds = random_log(flights.PAPER._replace(time=10_000))
-    assert len(playback.build_page(dict.fromkeys(("C1", "C2", "C3"), ds), experiment.PAPER_CASES)) < 2e6
+    assert len(playback.build_page(dict.fromkeys(("C1", "C2", "C3"), ds), PAPER_CASES)) < 2e6
 
 
 def test_page_makes_no_request_and_escapes_names():
