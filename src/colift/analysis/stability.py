@@ -30,6 +30,7 @@ from colift.math.linalg import matmul
 from colift.models.state import State
 from colift.onboard.control.constrained_allocation import ConstrainedAllocator
 from colift.onboard.controller import LeaderFollowerController
+from colift.onboard.estimation.state_estimator import ComplementaryFilter
 from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
 from colift.simulation import sensors
@@ -48,7 +49,7 @@ POSE = r"\.world\.state\.(payload\.[Rp]|agents\[\d+\]\.[Rxr])"
 LEARNING_STATES = (
     r"\.recorder\.|\.estimator\.(agents\[\d+\]\.)?bias\b"
     r"|\.(estimator|corrector)\.time_since_label$|\.initialized$|\.controller\.last_f_hat\b"
-    r"|\.estimator\.clocks\b"
+    r"|\.estimator\.(clocks|tips)\b"
 )
 WARM_STARTS = r"\.allocator\.(projected|multipliers)$"  # without influence on a solution to rounding accuracy
 SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
@@ -374,6 +375,9 @@ def _undisturbed_loop(
         experiment = dataclasses.replace(experiment, controller=exact)
     if isinstance(onboard := experiment.controller, LeaderFollowerController):
         healthy = dataclasses.replace(onboard, command_link=None, effectiveness_filter=None)
+        if isinstance(healthy.estimator, ComplementaryFilter):  # exact readings can repeat
+            estimator = dataclasses.replace(healthy.estimator, detects_stuck_tips=False)
+            healthy = dataclasses.replace(healthy, estimator=estimator)
         experiment = dataclasses.replace(experiment, controller=healthy)
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))

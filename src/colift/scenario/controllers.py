@@ -212,6 +212,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
             filters=_filters(settings),
             contact_forces=_contact_forces(settings, nominal),
             pose_delay=_pose_delay(settings),
+            detects_stuck_tips=settings.contact_forces.kind == "tip_sensors" and settings.sensors.tip_force_N > 0,
         ),
         recorder=recorder(
             sample_period=array(1 / learning.sample_Hz),

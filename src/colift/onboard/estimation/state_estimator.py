@@ -54,6 +54,7 @@ from colift.onboard.estimation.contact_forces import (
     TipSensors,
 )
 from colift.onboard.estimation.nav_filter import FilterBandwidths, ImuBias, NavState, ReadingClock
+from colift.onboard.estimation.tip_readings import TipReadings, initial_tip_readings, update_tip_readings
 
 Scalar = Float[Array, ""]
 
@@ -153,6 +154,7 @@ class EstimatorState:
     inputs: SecondOrderLowPassState  # inputs of the payload's learned model, after the label filter
     time_since_label: Scalar  # s, since the last valid label
     initialized: Float[Array, ""]  # 0 before the first control period, 1 afterwards
+    tips: TipReadings | None = None  # None if stuck tip force sensors are not detected
 
 
 @pytree
@@ -196,15 +198,18 @@ class ComplementaryFilter:
         contact_forces: Estimator of the contact forces.
         pose_delay: Largest delay of readings of poses and velocities, in control periods; None if all of them are new
             in every control period.
+        detects_stuck_tips: Whether a tip reading that stays unchanged counts as old; requires readings with noise.
     """
 
     filters: FilterBandwidths
     contact_forces: ContactForceEstimator = TipSensors()
     pose_delay: int | None = static(default=None)
+    detects_stuck_tips: bool = static(default=False)
 
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
         """Return the steady state at the first measurement, with zero labels; see `Estimator`."""
-        return _initial_state(team, measurement, self.pose_delay)
+        state = _initial_state(team, measurement, self.pose_delay)
+        return dataclasses.replace(state, tips=initial_tip_readings(measurement)) if self.detects_stuck_tips else state
 
     def update(
         self,
@@ -272,7 +277,10 @@ def _update(
     )
     closed = not isinstance(estimator, contact_forces.FreeFlight)
     found = _update_agents(team, filters, state, payload, measurement, applied, clocks and clocks[1], dt, closed)
-    age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
+    age, tips = measurement.measurement_age_s.get("agents.lam", jnp.zeros(())), None
+    if state.tips is not None:
+        tips = update_tip_readings(state.tips, measurement, dt)
+        age = jnp.maximum(age, jnp.concatenate([time.reshape(-1) for time in tips.unchanged_time]).max())
     forces = estimator.estimate(
         team,
         TeamBalance(agents=tuple(each for _, each, _ in found), payload=balance, reading_age=age, f_hat=f_hat),
@@ -297,6 +305,7 @@ def _update(
         inputs=_filter_label(state.inputs, flatten_payload_state(payload, a), b, state.initialized),
         time_since_label=(1 - forces.valid) * interval,
         initialized=jnp.ones(()),
+        tips=tips,
     )
     sample = TrainingSample(
         payload=(next_state.inputs.stage2, next_state.label.stage2),
