@@ -35,6 +35,7 @@ CAPTIONS = {
     "figure_6_certificate": "Figure 6. Certified and observed position error, and sources of conservatism",
     "figure_7_reaction": "Figure 7. Online correction: position error, forces, corrections, weight, number of samples",
     "figure_8_contact_forces": "Figure 8. External and internal part of the contact forces, payload frame",
+    "figure_9_limits": "Figure 9. Errors, contact force, rotor effectiveness, and limits that act",
 }
 """Caption of each figure file."""
 FRAME_STYLE = """

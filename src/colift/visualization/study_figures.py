@@ -21,7 +21,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
 from colift.closed_loop import log_signals
 from colift.visualization import axes as axes_module
-from colift.visualization import contact_force_figures, rendering, team_figure, uncertainty_figures
+from colift.visualization import contact_force_figures, limit_figures, rendering, team_figure, uncertainty_figures
 from colift.visualization.style import (
     COLUMN_WIDTH,
     DASH_PATTERNS,
@@ -49,9 +49,10 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
     """Write all figures of a study as PDF and PNG (300 dpi).
 
     Figures 1 and 2 show all cases; they have a second version with the width of one column. Figures with one column per
-    case omit the baselines if there are other cases. Figure 7 shows the cases with online correction, and figure 8 the
-    last case that is not a baseline. The line of a case that stopped early ends in a cross. The metadata of each file
-    contain the run id. A folder that cannot be written raises `OSError`.
+    case omit the baselines if there are other cases. Figure 7 shows the cases with online correction, figure 8 the last
+    case that is not a baseline, and figure 9 the cases with an allocation within limits or with faults. The line of a
+    case that stopped early ends in a cross. The metadata of each file contain the run id. A folder that cannot be
+    written raises `OSError`.
 
     Args:
         cases: Log of each case.
@@ -86,6 +87,8 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
     }:
         plots["figure_7_reaction"] = lambda: plot_online_correction(corrected, descriptions)
     plots["figure_8_contact_forces"] = lambda: contact_force_figures.plot_contact_force_parts(in_columns, descriptions)
+    if limited := {name: ds for name, ds in in_columns.items() if limit_figures.shows_limits(ds)}:
+        plots["figure_9_limits"] = lambda: limit_figures.plot_limits(limited, descriptions)
     files, run = [], next(iter(cases.values())).attrs["run"]
     with style_context():
         for name, plot in plots.items():

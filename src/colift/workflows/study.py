@@ -33,8 +33,8 @@ from colift.workflows import generalization
 STUDY_FILES = (
     *(f"{case}.{kind}" for case in ALL_CASES for kind in ("nc", "csv", "mcap")),
     *(
-        "figure_[0-578]_*.pdf",
-        "figure_[0-578]_*.png",
+        "figure_[0-5789]_*.pdf",
+        "figure_[0-5789]_*.png",
         "lengthscales_*.csv",
         "lengthscales_*.md",
         run_directory.SUMMARY_FILE,

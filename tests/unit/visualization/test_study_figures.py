@@ -60,7 +60,7 @@ def folder(cases, tmp_path_factory):
 
 def test_figures_are_written_as_pdf_and_png(folder):
     columns = ("figure_1_tracking_column", "figure_2_mismatch_column")
-    names = ("figure_0_team", *FIGURES, "figure_8_contact_forces", *columns)
+    names = ("figure_0_team", *FIGURES, "figure_8_contact_forces", "figure_9_limits", *columns)
     assert {file.name for file in folder.iterdir()} == {f"{name}.{kind}" for name in names for kind in ("pdf", "png")}
     for file in folder.iterdir():
         if file.suffix == ".png":
