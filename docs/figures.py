@@ -3,7 +3,8 @@
 OUT holds the flights. A folder of `FLIGHTS` that is missing there is computed by its command, which takes some minutes.
 The figures of `./dev evidence` are drawn from the stored results. `playback.png` requires Chromium. The pictures of the
 notebook gallery are the first figures of the executed notebooks, so they require `./dev docs` before. Without NAME all
-figures are drawn. `team.svg`, `loop.svg` and `labels.svg` are sources.
+figures are drawn. `limits` also writes the tables of `docs/limits.md`. `team.svg`, `loop.svg` and `labels.svg` are
+sources.
 """
 
 import base64
@@ -11,6 +12,8 @@ import functools
 import importlib
 import io
 import json
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,6 +21,8 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import xarray as xr
 from PIL import Image
 
 from colift.closed_loop import log
@@ -44,8 +49,10 @@ COPIED = {  # figure of a page, and where it is
     "reaction": "reaction/figure_7_reaction",
     "certificate": "certified/figure_6_certificate",
 }
+LIMITS_PAGE = ROOT / "docs" / "limits.md"  # its commands, figures and tables
+EVENT, BEFORE = 14.0, 9.0  # s, time of all events of that page, and start of the window before it
 SHOWN = ("C1", "C2", "C3")  # cases of the playback page
-THUMBNAIL = 360  # px, width of a picture of the gallery
+THUMBNAIL, PAGE_PIXELS = 360, 1400  # px, width of a picture of the gallery and of a page
 
 
 def flights(out: Path, name: str) -> Path:
@@ -73,6 +80,47 @@ def stored(name: str, _out: Path) -> None:
     """Draw the figure of an evidence module from its stored result."""
     module, found = importlib.import_module(f"evidence.{name}"), importlib.import_module("evidence").stored(name)
     module.draw(found["items"], HERE / f"{name}.png")
+
+
+def limits(out: Path, *names: str) -> None:
+    """Compute the flights of the page on limits by its commands, copy their figures and write its tables."""
+    commands = re.findall(r"^\./dev (colift study .*?[^\\])$", LIMITS_PAGE.read_text(encoding="utf-8"), re.M | re.S)
+    for found in commands:
+        words = shlex.split(found.replace("\\\n", " "))
+        name = Path(words[words.index("--out") + 1]).name
+        if names and name not in names:
+            continue
+        folder = out / f"limits_{name}"
+        words[words.index("--out") + 1] = str(folder)
+        if not folder.is_dir():  # a flight that ends early has status 1
+            subprocess.run([sys.executable, "-m", *words], check=False)
+        small(folder / "figure_9_limits.png", f"limits_{name}")
+        _, logs = log.load_flights(folder, experiment.ALL_CASES)
+        rows = ["| case | $e_p$ before [mm] | $e_p$ [mm] | attitude error [deg] | contact force [N] | end |"]
+        rows += ["|---|---:|---:|---:|---:|---|", *(limits_row(case, ds) for case, ds in logs.items())]
+        picture = f"![Errors, contact force and active limits](figures/limits_{name}.png)"
+        text = "\n".join([f"<!-- flights: {name} -->", *rows, "", picture, "<!-- end -->"])
+        page, of = LIMITS_PAGE.read_text(encoding="utf-8"), rf"<!-- flights: {name} -->.*?<!-- end -->"
+        LIMITS_PAGE.write_text(re.sub(of, lambda _, text=text: text, page, flags=re.S), encoding="utf-8")
+
+
+def limits_row(case: str, ds: xr.Dataset) -> str:
+    """Return the row of a flight: errors before and after the event, largest attitude error and contact force."""
+    before, after = ds.sel(time=slice(BEFORE, EVENT)), ds.sel(time=slice(EVENT, None))
+    if not after.sizes["time"]:
+        return f"| `{case}` | | | | | {float(ds.time[-1]):.2f} s |"
+    errors = [1e3 * float(np.sqrt((part.e_p**2).sum("axis").mean())) for part in (before, after)]
+    force = float(np.sqrt((after.lam**2).sum("axis")).max())
+    attitude = float(np.rad2deg(np.arccos(np.clip(1 - after.Psi, -1, 1))).max())
+    end = "" if ds.attrs["complete"] else f"{float(ds.time[-1]):.2f} s"
+    return f"| `{case}` | {errors[0]:.1f} | {errors[1]:.1f} | {attitude:.2f} | {force:.1f} | {end} |"
+
+
+def small(source: Path, name: str) -> None:
+    """Write a picture of a study with few colors and the width of a page."""
+    picture = Image.open(source).convert("RGB")
+    picture.thumbnail((PAGE_PIXELS, PAGE_PIXELS))
+    picture.quantize(64, dither=Image.Dither.NONE).save(HERE / f"{name}.png", optimize=True)
 
 
 def film(out: Path) -> None:
@@ -109,6 +157,7 @@ DRAW: dict[str, Callable[[Path], None]] = {
     **{name: functools.partial(copied, name) for name in COPIED},
     **{name: functools.partial(stored, name) for name in ("corollary", "curve")},
     "study_seeds": seeds,
+    "limits": limits,
     "flight": film,
     "playback": page,
     "gallery": gallery,
