@@ -62,7 +62,8 @@ def plot_limits(cases: axes_module.Cases, descriptions: Mapping[str, str]) -> Fi
     """
     effectiveness = any("effectiveness" in ds for ds in cases.values())
     labels = ROW_LABELS[: 4 if effectiveness else 3]
-    heights = [2.0] * len(labels) + [2.2]
+    num_bars = max(len(_active_limits(ds)) for ds in cases.values())
+    heights = [2.0] * len(labels) + [0.3 + 0.24 * num_bars]
     figure = Figure(figsize=(PAGE_WIDTH * max(1, len(cases) / axes_module.COLUMNS), 0.8 + 0.5 * sum(heights)))
     grid = figure.subplots(len(heights), len(cases), sharex=True, sharey="row", squeeze=False, height_ratios=heights)
     for column, (name, ds) in zip(grid.T, cases.items(), strict=True):
@@ -106,18 +107,24 @@ def _plot_effectiveness(ax: Axes, name: str, ds: xr.Dataset) -> None:
     ax.set_ylim(0, 1.1)
 
 
-def _plot_limits(ax: Axes, name: str, ds: xr.Dataset) -> None:
-    """Plot one bar for each limit and each slack, where it acts."""
-    time = ds.time.values
-    rows = {
-        label: np.any([ds[signal].values.reshape(len(time), -1).any(1) for signal in signals if signal in ds], axis=0)
+def _active_limits(ds: xr.Dataset) -> dict[str, np.ndarray]:
+    """Return when each limit and each slack of a log acts, by label."""
+    ticks = ds.sizes["time"]
+    limits = {
+        label: np.any([ds[signal].values.reshape(ticks, -1).any(1) for signal in signals if signal in ds], axis=0)
         for label, signals in LIMITS.items()
         if any(signal in ds for signal in signals)
-    } | {label: ds[signal].values > SLACK_THRESHOLD for label, signal in SLACKS.items() if signal in ds}
+    }
+    return limits | {label: ds[signal].values > SLACK_THRESHOLD for label, signal in SLACKS.items() if signal in ds}
+
+
+def _plot_limits(ax: Axes, name: str, ds: xr.Dataset) -> None:
+    """Plot one bar for each limit and each slack, where it acts."""
+    rows = _active_limits(ds)
     window = axes_module.samples(ds, 2 * axes_module.SAMPLE_PERIOD)  # so that an active period is not skipped
     for k, active in enumerate(rows.values()):
         drawn = maximum_filter1d(active, window)
-        ax.fill_between(time, k - 0.35, k + 0.35, where=drawn, color=style_of(name).color, linewidth=0)
+        ax.fill_between(ds.time, k - 0.35, k + 0.35, where=drawn, color=style_of(name).color, linewidth=0)
     ax.set_yticks(range(len(rows)), list(rows))
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
