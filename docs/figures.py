@@ -95,7 +95,7 @@ def limits(out: Path, *names: str) -> None:
         if not folder.is_dir():  # a flight that ends early has status 1
             subprocess.run([sys.executable, "-m", *words], check=False)
         small(folder / "figure_9_limits.png", f"limits_{name}")
-        _, logs = log.load_flights(folder, experiment.ALL_CASES)
+        _, logs = log.load_flights(folder, ALL_CASES)
         rows = ["| case | $e_p$ before [mm] | $e_p$ [mm] | attitude error [deg] | contact force [N] | end |"]
         rows += ["|---|---:|---:|---:|---:|---|", *(limits_row(case, ds) for case, ds in logs.items())]
         picture = f"![Errors, contact force and active limits](figures/limits_{name}.png)"
