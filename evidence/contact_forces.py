@@ -45,7 +45,12 @@ def settings_of(team: str, seed: int, kind: dict[str, Any], bandwidth: float | N
 
 def simulate(settings: Scenario, case: str) -> dict[str, Any]:
     """Return errors of tracking, contact forces and wrench mismatch of a flight, in its second half."""
-    rows = (result := flight.run_experiment(colift.make_experiment(settings, case))).records
+    return errors_of(flight.run_experiment(colift.make_experiment(settings, case)))
+
+
+def errors_of(result: flight.FlightResult) -> dict[str, Any]:
+    """Return errors of tracking, contact forces and wrench mismatch in the second half of a flight."""
+    rows = result.records
     half = slice(len(rows.t) // 2, None)
 
     def rms(x: Any) -> float:

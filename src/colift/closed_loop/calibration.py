@@ -18,7 +18,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift import gp
 from colift.closed_loop import flight, simulator
 from colift.models.state import flatten_agent_force
 from colift.onboard.controller import LeaderFollowerController
@@ -36,12 +35,10 @@ class CalibrationResult(NamedTuple):
     Attributes:
         prior: Residual model of the agents.
         error_std: Standard deviations of its errors by group, RMS over samples that were not fitted [N, N m].
-        noise: Covariances of labels about their filtered values in one control period, by group.
     """
 
     prior: residual_model.ResidualModel
     error_std: tuple[np.ndarray, ...]
-    noise: tuple[np.ndarray, ...]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +47,7 @@ class CalibrationFlight:
 
     Attributes:
         experiment: Experiment with open contacts, a `FreeFlightController`, the contact forces `FreeFlight`, and a
-            `CalibrationRecorder`.
+            `DataRecorder` of the agents.
         mean_prior: Prior of the mean parameters of the models.
         min_std: Least standard deviations of the errors by group [N, N m]; positive, since weights are their inverses.
     """
@@ -69,7 +66,6 @@ class CalibrationFlight:
             error_std=tuple(
                 np.maximum(np.sqrt((e**2).mean((0, 1))), least) for e, least in zip(held_out, self.min_std, strict=True)
             ),
-            noise=tuple(_noise_covariance(group) for group in late.agents),
         )
 
     def _errors(
@@ -80,7 +76,7 @@ class CalibrationFlight:
         x = tuple(jnp.asarray(np.asarray(group.X)[:, later]) for group in samples.agents)
         predicted = jax.vmap(lambda x: residual_model.predict_agents(model, x), in_axes=1, out_axes=1)(x)
         return tuple(
-            np.asarray(_filtered(group).Y)[:, later] - np.asarray(flatten_agent_force(f))
+            np.asarray(group.Y)[:, later] - np.asarray(flatten_agent_force(f))
             for group, f in zip(samples.agents, predicted, strict=True)
         )
 
@@ -100,7 +96,6 @@ class CalibrationFlight:
             estimator.contact_forces,
             prior=found.prior,
             agent_information=tuple(jnp.asarray(np.diag(std**-2)) for std in found.error_std),
-            noise=tuple(jnp.asarray(noise) for noise in found.noise),
         )
         return dataclasses.replace(controller, estimator=dataclasses.replace(estimator, contact_forces=forces))
 
@@ -122,21 +117,7 @@ class CalibrationFlight:
 
     def _fit(self, samples: RecorderState) -> residual_model.ResidualModel:
         """Return the residual model for recorded samples."""
-        samples = dataclasses.replace(samples, agents=tuple(_filtered(group) for group in samples.agents))
         model, options = self.experiment.controller.residual_model, self.experiment.fit_options
         if options is not None:
             model, _, _ = semiparametric.fit(model, samples, options, self.mean_prior, {})
         return semiparametric.condition(model, samples, self.mean_prior, samples.latest_time())[0]
-
-
-def _filtered(data: gp.Dataset) -> gp.Dataset:
-    """Return the data set of a group with labels after the label filter."""
-    return dataclasses.replace(data, Y=jnp.split(data.Y, 2, axis=-1)[0])
-
-
-def _noise_covariance(data: gp.Dataset) -> np.ndarray:
-    """Return the covariance of labels about their filtered values, of all agents of a group."""
-    recorded = np.arange(data.Y.shape[1]) < int(data.n.min())
-    filtered, unfiltered = np.split(np.asarray(data.Y)[:, recorded], 2, axis=-1)
-    difference = (unfiltered - filtered).reshape(-1, filtered.shape[-1])
-    return difference.T @ difference / len(difference)

@@ -111,7 +111,7 @@ def _free_flight(
         residual_model=dataclasses.replace(
             controller.residual_model, mean_function=mean_functions.zero_drag_thrust(team.sizes)
         ),
-        recorder=recorder.CalibrationRecorder(
+        recorder=recorder.DataRecorder(
             sample_period=array(max(1 / settings.learning.sample_Hz, given.calibration_s / capacity)),
             start=array(settings.learning.start_s),
             end=array(np.inf),

@@ -8,8 +8,10 @@ import itertools
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from colift.closed_loop import part_checks
+from colift.math import so3
 from colift.models import grasp, parameters
 from colift.models.parameters import Team
 from colift.models.state import GeneralizedForce, ResidualForces, Wrench, zero_residual
@@ -33,7 +35,7 @@ from colift.onboard.control.allocation import (
     least_squares_allocation,
     squeeze,
 )
-from colift.onboard.estimation import contact_forces, effectiveness, nav_filter, state_estimator
+from colift.onboard.estimation import contact_forces, effectiveness, label_noise, nav_filter, state_estimator
 from colift.onboard.learning import kalman_correction, label_filter, residual_correction, residual_predictors
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
@@ -174,6 +176,26 @@ def _contact_forces(settings: schema.Scenario, nominal: Team) -> contact_forces.
             jnp.diag(payload**-2) if isinstance(settings.contact_forces, schema.LeastSquaresForces) else None
         ),
         contact_force_std=mass * jnp.linalg.norm(nominal.gravity),
+        noise=_label_noise(settings, nominal),
+    )
+
+
+def _label_noise(settings: schema.Scenario, nominal: Team) -> tuple[Array, ...]:
+    """Return the covariances of the label noise of the agents at the start of the reference, by group."""
+    given, rotations = settings.sensors, jax.vmap(so3.from_axis_angle, in_axes=(None, 0))
+    return label_noise.covariances(
+        nominal,
+        tuple(rotations(jnp.array([0.0, 0.0, 1.0]), yaw) for yaw in trajectories.headings(settings)),
+        trajectories.make_reference(settings).evaluate(jnp.zeros(())).R,
+        team_module.nominal_posture(settings),
+        label_noise.SensorNoise(
+            angular_velocity=array(given.angular_velocity_radps),
+            acceleration=array(given.accelerometer_mps2),
+            velocity=array(given.velocity_mps),
+            joint_position=array(np.deg2rad(given.joint_position_deg)),
+        ),
+        _filters(settings),
+        1 / settings.control_Hz,
     )
 
 

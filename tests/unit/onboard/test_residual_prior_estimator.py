@@ -60,7 +60,7 @@ class Case:
             agent_information=tuple(jnp.asarray(np.linalg.inv(S)) for S in self.S),
             payload_information=None if self.S_L is None else jnp.asarray(np.linalg.inv(self.S_L)),
             contact_force_std=jnp.asarray(FORCE_STD),
-            noise=tuple(map(jnp.asarray, self.N)),
+            noise=tuple(jnp.tile(N, (size, 1, 1)) for N, size in zip(map(jnp.asarray, self.N), (2, 1), strict=True)),
         )
 
     def balance(self, y: np.ndarray, y_L: np.ndarray) -> contact_forces.TeamBalance:

@@ -168,8 +168,9 @@ class ResidualPriorEstimator:
     Without a prior of the payload each agent is separate. The result is then a generalized-momentum observer: y_j
     contains differences of momenta that pass a first-order filter.
 
-    Noise of ``y_j`` with the covariance N_j is not part of the weights, since the label filter averages it out. It adds
-    ``P (sum_j A_j^T S_j^-1 N_j S_j^-1 A_j) P`` to the covariance of one control period.
+    Noise of ``y_j`` is not part of the weights, since the label filter averages it out. The estimates that are reported
+    are averages over the same time (`label_noise`). With the covariance N_j of the averaged noise, their covariance is
+    ``P + P (sum_j A_j^T S_j^-1 N_j S_j^-1 A_j) P``.
 
     The prior stays as it is during a flight. Labels depend on it, so a prior that is fitted to them confirms itself.
 
@@ -177,14 +178,14 @@ class ResidualPriorEstimator:
         agent_information: Inverse covariances ``S_j^-1`` by group, with outputs in N and N m.
         payload_information: Inverse covariance ``S_L^-1``; None if the residual of the payload has no prior.
         contact_force_std: Standard deviation s of the contact forces [N].
-        noise: Covariances ``N_j`` by group, with outputs in N and N m; None if they are not known.
+        noise: Covariances ``N_j`` by group, with outputs in N and N m.
         prior: Residual model whose agents are the prior means; None for zero means.
     """
 
     agent_information: tuple[Float[Array, "_outputs _outputs"], ...]
     payload_information: Float[Array, "6 6"] | None
     contact_force_std: Scalar
-    noise: tuple[Float[Array, "_outputs _outputs"], ...] | None = None
+    noise: tuple[Float[Array, "_agents _outputs _outputs"], ...]
     prior: residual_model.ResidualModel | None = None
 
     def estimate(self, team: Team, balance: TeamBalance) -> ContactForces:
@@ -198,10 +199,7 @@ class ResidualPriorEstimator:
             weighted = linalg.matmul(linalg.transpose(A), information[None])
             blocks.extend(linalg.matmul(weighted, A))
             b.extend(linalg.matvec(weighted, mu - each.y))
-            if self.noise is not None:
-                noise_blocks.extend(
-                    linalg.matmul(linalg.matmul(weighted, self.noise[i][None]), linalg.transpose(weighted))
-                )
+            noise_blocks.extend(linalg.matmul(linalg.matmul(weighted, self.noise[i]), linalg.transpose(weighted)))
         H, rhs = jax.scipy.linalg.block_diag(*blocks), jnp.concatenate(b)
         if self.payload_information is not None:
             G = grasp.grasp_matrix(grasp.contact_points(team), payload.R)
@@ -214,7 +212,7 @@ class ResidualPriorEstimator:
         return ContactForces(
             base_frame=tuple(linalg.matmul(lam, each.R) for lam, each in zip(world, agents, strict=True)),
             valid=jnp.ones(()),
-            covariance=P if self.noise is None else P + P @ jax.scipy.linalg.block_diag(*noise_blocks) @ P,
+            covariance=P + P @ jax.scipy.linalg.block_diag(*noise_blocks) @ P,
         )
 
 

@@ -152,6 +152,8 @@ class EstimatorState:
     modelled_wrench: Float[Array, "6"]  # N and N m, label without contact forces, after the tip force filter
     label: SecondOrderLowPassState  # N and N m, label filter of the payload
     inputs: SecondOrderLowPassState  # inputs of the payload's learned model, after the label filter
+    contact_forces: tuple[SecondOrderLowPassState, ...]  # N, world, label filter of the estimates, by group; empty
+    # for tip force sensors
     time_since_label: Scalar  # s, since the last valid label
     initialized: Float[Array, ""]  # 0 before the first control period, 1 afterwards
     tips: TipReadings | None = None  # None if stuck tip force sensors are not detected
@@ -181,7 +183,7 @@ class StateEstimate:
     payload: PayloadState  # estimated payload state
     a_L: Float[Array, "6"]  # payload acceleration, m/s^2 world and rad/s^2 payload frame; the latter is not filtered
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces on the payload, world, by group: as measured, or
-    # from the equations of motion
+    # from the equations of motion, averaged over the time constant of the label filter
     lam_covariance: Float[Array, "components components"] | None = None  # N^2, world, contacts in team order; None for
     # measured contact forces
     sample: TrainingSample | None = None  # None if the estimator computes no labels
@@ -209,7 +211,12 @@ class ComplementaryFilter:
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
         """Return the steady state at the first measurement, with zero labels; see `Estimator`."""
         state = _initial_state(team, measurement, self.pose_delay)
-        return dataclasses.replace(state, tips=initial_tip_readings(measurement)) if self.detects_stuck_tips else state
+        if self.detects_stuck_tips:
+            return dataclasses.replace(state, tips=initial_tip_readings(measurement))
+        if not isinstance(self.contact_forces, contact_forces.ResidualPriorEstimator):
+            return state
+        filtered = tuple(steady_state(jnp.zeros(group.lam.shape)) for group in measurement.agents)
+        return dataclasses.replace(state, contact_forces=filtered)
 
     def update(
         self,
@@ -255,6 +262,7 @@ def _initial_state(team: Team, measurement: Measurement, pose_delay: int | None)
         modelled_wrench=zero,
         label=steady_state(zero),
         inputs=steady_state(jnp.zeros(24)),
+        contact_forces=(),
         time_since_label=jnp.zeros(()),
         initialized=jnp.zeros(()),
     )
@@ -298,9 +306,14 @@ def _update(
     )
     W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(lam))
     payload_label = balance.y - jnp.concatenate([W.F, W.tau])
+    filtered = tuple(
+        _filter_label(previous, each, b, state.initialized)
+        for previous, each in zip(state.contact_forces, lam, strict=False)
+    )
     next_state = dataclasses.replace(
         payload_state,
         agents=agents,
+        contact_forces=filtered,
         label=_filter_label(state.label, payload_label, b, state.initialized),
         inputs=_filter_label(state.inputs, flatten_payload_state(payload, a), b, state.initialized),
         time_since_label=(1 - forces.valid) * interval,
@@ -318,7 +331,7 @@ def _update(
         agents=tuple(q for q, _, _ in found),
         payload=payload,
         a_L=jnp.concatenate([a[:3] + team.gravity, a[3:]]),
-        lam=lam,
+        lam=tuple(2 * each.stage1 - each.stage2 for each in filtered) or lam,  # Brown 1963: no lag for ramps
         lam_covariance=forces.covariance,
         sample=sample,
     ), next_state

@@ -10,8 +10,6 @@ See Also:
 
 from __future__ import annotations
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -130,31 +128,6 @@ class DataRecorder:
         if labelled is None:
             raise ValueError("the state estimator provides no labels; online learning requires labels")
         return labelled.payload, labelled.agents
-
-
-@pytree
-class CalibrationRecorder(DataRecorder):
-    """Periodic recorder of the labels of the agents after and before the label filter, on one axis in this order.
-
-    The difference of both is the noise of one control period.
-    """
-
-    def init(self, team: Team, model: ResidualModel) -> RecorderState:
-        """Return empty data sets; see `DataRecorder.init`."""
-        empty = super().init(team, model)
-        agents = tuple(dataclasses.replace(x, Y=jnp.concatenate([x.Y, x.Y], axis=-1)) for x in empty.agents)
-        return dataclasses.replace(empty, agents=agents)
-
-    def samples(
-        self, measurement: Measurement, labelled: TrainingSample | None
-    ) -> tuple[InputLabel, tuple[InputLabel, ...]]:
-        """Return inputs and labels of this control period; see `DataRecorder.samples`."""
-        payload, agents = super().samples(measurement, labelled)
-        assert labelled is not None
-        return payload, tuple(
-            (x, jnp.concatenate([y, unfiltered], axis=-1))
-            for (x, y), unfiltered in zip(agents, labelled.unfiltered[1], strict=True)
-        )
 
 
 @pytree
