@@ -25,6 +25,7 @@ from colift.closed_loop.simulator import LoopConfig, LoopState, WorldT, monitore
 from colift.models import grasp
 from colift.models.state import State
 from colift.onboard.controller import LeaderFollowerController
+from colift.onboard.estimation.contact_forces import ResidualPriorEstimator
 from colift.onboard.learning import confidence_bounds, model_update, prediction_uncertainty, residual_model
 from colift.onboard.learning.online_learner import (
     IdentificationOptions,
@@ -314,9 +315,16 @@ def _evaluate_uncertainty(
     x, agents = model_inputs(experiment.world.team, sparse)
     a = sparse.a_L - np.concatenate([np.asarray(experiment.controller.team.gravity), np.zeros(3)])
     x = np.concatenate([x, a], axis=1)
-    return prediction_uncertainty.evaluate_along(
+    found = prediction_uncertainty.evaluate_along(
         experiment.controller.team, model_intervals, stride, experiment.label_biases, np.asarray(sparse.t), x, agents
     )
+    forces = getattr(experiment.controller.estimator, "contact_forces", None)
+    if not isinstance(forces, ResidualPriorEstimator):
+        return found
+    # Labels contain the errors of the prior. ``A P A^T <= S`` bounds those of the agents; `delta_W` has ``G P G^T``.
+    stds = (1 / np.sqrt(np.diag(information)) for information in forces.agent_information)
+    bias = tuple(np.broadcast_to(std, x.shape) for std, x in zip(stds, found.agent_label_bias, strict=True))
+    return dataclasses.replace(found, payload_label_bias=np.asarray(sparse.delta_W_std), agent_label_bias=bias)
 
 
 def _termination_reason(experiment: Experiment[World], rows: StepRecord, loop: LoopState) -> str:

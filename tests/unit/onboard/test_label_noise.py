@@ -16,7 +16,7 @@ from colift.scenario import Scenario, experiment
 from tests.support import planar_teams
 from tests.support import small_team as light
 
-TICKS, SETTLED = 20_000, 500
+TICKS, SETTLED = 4000, 500
 RNG_SEED = 7
 
 
