@@ -306,10 +306,7 @@ def _update(
     )
     W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(lam))
     payload_label = balance.y - jnp.concatenate([W.F, W.tau])
-    filtered = tuple(
-        _filter_label(previous, each, b, state.initialized)
-        for previous, each in zip(state.contact_forces, lam, strict=False)
-    )
+    averaged, filtered = _average(state, lam, b)
     next_state = dataclasses.replace(
         payload_state,
         agents=agents,
@@ -331,7 +328,7 @@ def _update(
         agents=tuple(q for q, _, _ in found),
         payload=payload,
         a_L=jnp.concatenate([a[:3] + team.gravity, a[3:]]),
-        lam=tuple(2 * each.stage1 - each.stage2 for each in filtered) or lam,  # Brown 1963: no lag for ramps
+        lam=averaged,
         lam_covariance=forces.covariance,
         sample=sample,
     ), next_state
@@ -395,6 +392,22 @@ def _update_payload(
     next_state = dataclasses.replace(state, payload=fused, bias=bias, omega=omega, modelled_wrench=modelled)
     acceleration = jnp.concatenate([specific_force, omega_dot])
     return payload, PayloadBalance(R=payload.R, y=modelled), acceleration, next_state
+
+
+def _average(
+    state: EstimatorState, lam: tuple[Float[Array, "_agents _arms 3"], ...], b: Scalar
+) -> tuple[tuple[Float[Array, "_agents _arms 3"], ...], tuple[SecondOrderLowPassState, ...]]:
+    """Return averages ``2 s_1 - s_2`` of estimated contact forces, and the label filter with the stages s_1 and s_2.
+
+    Ramps have no lag (Brown 1963). Readings of tip force sensors are returned unchanged.
+    """
+    if not state.contact_forces:
+        return lam, ()
+    filtered = tuple(
+        _filter_label(previous, each, b, state.initialized)
+        for previous, each in zip(state.contact_forces, lam, strict=True)
+    )
+    return tuple(2 * each.stage1 - each.stage2 for each in filtered), filtered
 
 
 def _advance_clocks(
