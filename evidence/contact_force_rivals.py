@@ -322,7 +322,7 @@ CASE = "C3"
 
 def make_filter(
     name: str,
-    constants: tuple[float, ...],
+    calibrated: bool,
     settings: Scenario,
     split: contact_forces.ResidualPriorEstimator,
     team: Team,
@@ -331,7 +331,7 @@ def make_filter(
 
     Args:
         name: Name in `CONSTANTS`.
-        constants: Constants of the filter.
+        calibrated: Whether the residual model of a calibration flight is used.
         settings: Scenario.
         split: Linear model of contact forces and residuals; calibrated, if the filter is.
         team: Nominal parameters.

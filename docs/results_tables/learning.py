@@ -317,4 +317,17 @@ def kinds() -> str:
     return markdown((*header, "error of a contact force [N]", "error of the force mismatch [N]"), rows)
 
 
+@table("contact_force_rivals")
+def estimators() -> str:
+    """Estimators of the contact forces in flights of C3: errors of tracking and forces, means over the seeds."""
+    found, rows = items("contact_force_rivals"), []
+    for team in dict.fromkeys(item.split()[0] for item in found):
+        flights = [one for item, one in found.items() if item.split()[0] == team]
+        for kind in flights[0]:
+            values = [np.mean([one[kind][name] for one in flights]) for name in ("e_p_rms_m", *FORCE_ERRORS)]
+            rows.append((f"`{team}`", kind.replace("_", " "), 1e3 * values[0], *values[1:], len(flights)))
+    header = ("team", "estimator", "RMS $e_p$ [mm]", "error of a contact force [N]", "of the force mismatch [N]", "n")
+    return markdown(header, rows)
+
+
 FORCE_ERRORS = ("contact_force_error_N", "mismatch_error_N")
