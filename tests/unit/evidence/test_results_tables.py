@@ -36,8 +36,19 @@ def test_each_table_and_each_result_is_on_a_page():
     assert {name for name in results_tables.TABLES if not name.endswith(".readme")} <= used
     quoted = {name for path in PAGES for name in status.quoted(path.read_text())}
     # decision 0061 describes the proof of the renaming, docs/versions.md that of the environments, and decisions 0018,
-    # 0019, 0023 and 0029 those of damaged, interrupted and invalid files, and decision 0063 the replay of correctors
-    described = {"environments", "renaming", "damage", "file_faults", "fuzz", "handover", "replay", "sanitizers"}
+    # 0019, 0023 and 0029 those of damaged, interrupted and invalid files, decision 0063 the replay of correctors, and
+    # docs/sensors.md the comparison of contact forces
+    described = {
+        "contact_force_rivals",
+        "environments",
+        "renaming",
+        "damage",
+        "file_faults",
+        "fuzz",
+        "handover",
+        "replay",
+        "sanitizers",
+    }
     assert quoted | described == set(__main__.module_names())
 
 

@@ -285,10 +285,7 @@ def _update(
     )
     closed = not isinstance(estimator, contact_forces.FreeFlight)
     found = _update_agents(team, filters, state, payload, measurement, applied, clocks and clocks[1], dt, closed)
-    age, tips = measurement.measurement_age_s.get("agents.lam", jnp.zeros(())), None
-    if state.tips is not None:
-        tips = update_tip_readings(state.tips, measurement, dt)
-        age = jnp.maximum(age, jnp.concatenate([time.reshape(-1) for time in tips.unchanged_time]).max())
+    age, tips = _tip_reading_age(state, measurement, dt)
     forces = estimator.estimate(
         team,
         TeamBalance(agents=tuple(each for _, each, _ in found), payload=balance, reading_age=age, f_hat=f_hat),
@@ -332,6 +329,15 @@ def _update(
         lam_covariance=forces.covariance,
         sample=sample,
     ), next_state
+
+
+def _tip_reading_age(state: EstimatorState, measurement: Measurement, dt: Scalar) -> tuple[Scalar, TipReadings | None]:
+    """Return the age of the tip force readings [s], and the data of the detection of stuck sensors."""
+    age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
+    if state.tips is None:
+        return age, None
+    tips = update_tip_readings(state.tips, measurement, dt)
+    return jnp.maximum(age, jnp.concatenate([time.reshape(-1) for time in tips.unchanged_time]).max()), tips
 
 
 def _update_agents(
