@@ -122,14 +122,14 @@ def _quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
     quickly = Path(request.path).stem.removeprefix("test_") not in AS_SHIPPED
     if quickly:
         build.OPTIMIZED_FLAGS = build.QUICK_FLAGS = ("-O0",)
-    if quickly != QUICKLY[-1]:  # tests compare bits, so no program or value of the other level may stay
-        QUICKLY.append(quickly)
+    if (
+        quickly != jax.config.values["jax_disable_most_optimizations"]
+    ):  # tests compare bits: no program of the other level stays
         _clear_all_caches()
     jax.config.update("jax_disable_most_optimizations", quickly)
     build.build_environment.cache_clear()
     yield
     build.OPTIMIZED_FLAGS, build.QUICK_FLAGS = levels
-    jax.config.update("jax_disable_most_optimizations", False)
     build.build_environment.cache_clear()
 
 
@@ -179,7 +179,7 @@ def _clear_all_caches() -> None:
     """Clear compiled programs and the values that functions of the package and of the tests keep."""
     jax.clear_caches()
     for kept in gc.get_objects():
-        if isinstance(kept, functools._lru_cache_wrapper) and kept.__module__.startswith(("colift", "tests")):
+        if isinstance(kept, CachedFunction) and kept.__module__.startswith(("colift", "tests")):
             kept.cache_clear()
 
 
@@ -190,9 +190,9 @@ def _resident_GB() -> float:
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**30
 
 
+CachedFunction = type(functools.lru_cache(lambda: None))
 LIBC = ctypes.CDLL(None)
 MEMORY_GB = os.sysconf("SC_PHYS_PAGES") * resource.getpagesize() / 2**30
-QUICKLY = [True]  # whether each group of files is compiled without optimization
 LEFT_GB = [0.0]  # after each clearing of caches
 # The largest test adds 1.2 GB. Cleared programs are traced again, so they are cleared as late as memory allows.
 FULL_GB = max(1.2, min(4.0, MEMORY_GB / 6))

@@ -325,7 +325,15 @@ def estimators() -> str:
         flights = [one for item, one in found.items() if item.split()[0] == team]
         for kind in flights[0]:
             values = [np.mean([one[kind][name] for one in flights]) for name in ("e_p_rms_m", *FORCE_ERRORS)]
-            rows.append((f"`{team}`", kind.replace("_", " "), 1e3 * values[0], *values[1:], len(flights)))
+            rows.append(
+                (
+                    f"`{team}`",
+                    kind.replace("_", " ").replace("kalman", "Kalman"),
+                    1e3 * values[0],
+                    *values[1:],
+                    len(flights),
+                )
+            )
     header = ("team", "estimator", "RMS $e_p$ [mm]", "error of a contact force [N]", "of the force mismatch [N]", "n")
     return markdown(header, rows)
 

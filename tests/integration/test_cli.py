@@ -23,6 +23,7 @@ from colift.closed_loop import log
 from colift.models import urdf
 from colift.runtime import run_directory
 from colift.scenario import experiment, team
+from colift.scenario.cases import ALL_CASES
 from colift.visualization import study_figures
 from colift.workflows import study
 from tests.support import random_logs as flights
@@ -565,7 +566,6 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in a shell's background
 from pathlib import Path
 from colift.cli import app as command, common, study, tables
-from colift.scenario.cases import ALL_CASES
 numbers = {metric.key: 1.0 for metric in tables.STUDY_METRICS}
 numbers |= {"complete": True, "termination_reason": "", "warnings": []}
 summary = {"scenario": "ladung \\u03bb", "seed": 1, "cases": {"C1": numbers}}

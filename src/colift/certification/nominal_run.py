@@ -112,8 +112,10 @@ def nominal_experiment(experiment: Experiment, truth: residual_model.ResidualMod
     Returns:
         Experiment without online learning.
     """
-    no = jnp.asarray(False)
+    no, estimator = jnp.asarray(False), experiment.controller.estimator
     recorder = dataclasses.replace(experiment.controller.recorder, payload=no, agents=no)
+    if isinstance(estimator, state_estimator.ComplementaryFilter):  # readings without noise can repeat
+        estimator = dataclasses.replace(estimator, detects_stuck_tips=False)
     none = tuple(() for _ in experiment.world.disturbances.agents)
     rest = jax.tree.map(jnp.zeros_like, experiment.world.disturbances.joints)
     smooth = tuple(dataclasses.replace(f, speed=jnp.ones_like(f.speed)) for f in rest)
@@ -127,7 +129,7 @@ def nominal_experiment(experiment: Experiment, truth: residual_model.ResidualMod
     return dataclasses.replace(
         experiment,
         world=dataclasses.replace(experiment.world, team=experiment.controller.team, disturbances=sources),
-        controller=dataclasses.replace(experiment.controller, recorder=recorder),
+        controller=dataclasses.replace(experiment.controller, recorder=recorder, estimator=estimator),
         update_times=(),
     )
 

@@ -321,10 +321,14 @@ def _evaluate_uncertainty(
     forces = getattr(experiment.controller.estimator, "contact_forces", None)
     if not isinstance(forces, ResidualPriorEstimator):
         return found
-    # Labels contain the errors of the prior. ``A P A^T <= S`` bounds those of the agents; `delta_W` has ``G P G^T``.
-    stds = (1 / np.sqrt(np.diag(information)) for information in forces.agent_information)
-    bias = tuple(np.broadcast_to(std, x.shape) for std, x in zip(stds, found.agent_label_bias, strict=True))
-    return dataclasses.replace(found, payload_label_bias=np.asarray(sparse.delta_W_std), agent_label_bias=bias)
+    # Labels contain the errors of the prior besides the biases of accelerometers. ``A P A^T <= S`` bounds the errors of
+    # the agents; those of the payload have the covariance ``G P G^T`` of the mismatch.
+    stds = (np.sqrt(np.diag(np.linalg.inv(information))) for information in forces.agent_information)
+    return dataclasses.replace(
+        found,
+        payload_label_bias=np.hypot(found.payload_label_bias, np.asarray(sparse.delta_W_std)),
+        agent_label_bias=tuple(np.hypot(x, std) for x, std in zip(found.agent_label_bias, stds, strict=True)),
+    )
 
 
 def _termination_reason(experiment: Experiment[World], rows: StepRecord, loop: LoopState) -> str:

@@ -183,22 +183,17 @@ UNCERTAINTY_SIGNALS = {
         "none",
         "posterior standard deviation of moments and joint torques, norm, sum over agents; prismatic joints times 1 m",
     ),
-    **_wrench("label_bias_std_f_L", NEWTON, "standard deviation of the bias of the payload labels, from data sheets"),
+    **_wrench("label_bias_std_f_L", NEWTON, "standard deviation of the bias of the payload labels"),
     "label_bias_std_f_x": SignalSpec(
-        AGENT_VECTOR_DIMS,
-        "N",
-        "world",
-        "standard deviation of the bias of the force labels of an agent, from data sheets",
+        AGENT_VECTOR_DIMS, "N", "world", "standard deviation of the bias of the force labels of an agent"
     ),
     "label_bias_std_f_w": SignalSpec(
         AGENT_VECTOR_DIMS,
         "N m",
         "base",
-        "standard deviation of the bias of the moment labels of an agent, from data sheets",
+        "standard deviation of the bias of the moment labels of an agent",
     ),
-    **_joints(
-        "label_bias_std_f_r", TORQUE, "standard deviation of the bias of the joint torque labels, from data sheets"
-    ),
+    **_joints("label_bias_std_f_r", TORQUE, "standard deviation of the bias of the joint torque labels"),
     **_wrench("predictive_std_f_L", NEWTON, "predictive standard deviation of the payload residual"),
     "predictive_std_f_x": SignalSpec(
         AGENT_VECTOR_DIMS, "N", "world", "predictive standard deviation of the residual force on an agent"

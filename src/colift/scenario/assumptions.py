@@ -55,16 +55,18 @@ def bound_assumptions(
 
 
 def label_bias_model(settings: schema.Scenario) -> prediction_uncertainty.LabelBiasModel:
-    """Return constant biases and bias random walks of the sensors from which labels are computed."""
-    tips = prediction_uncertainty.BiasModel(initial_std=settings.sensors.tip_force_bias_N)
-    found = {
-        "agents.lam": tips,
-        "payload.a": prediction_uncertainty.BiasModel(),
-        "agents.a": prediction_uncertainty.BiasModel(),
-    }
+    """Return constant biases and bias random walks of the sensors from which labels are computed.
+
+    Without tip force sensors their bias is zero; the errors of the prior take its place during the flight.
+    """
+    found = {name: prediction_uncertainty.BiasModel() for name in ("agents.lam", "payload.a", "agents.a")}
+    if tips := isinstance(settings.contact_forces, schema.TipSensors):
+        found["agents.lam"] = prediction_uncertainty.BiasModel(initial_std=settings.sensors.tip_force_bias_N)
     for each in settings.sensors.models:
         if isinstance(each, schema.BiasRandomWalk):
             for name in found.keys() & set(each.channels):
+                if name == "agents.lam" and not tips:
+                    continue
                 found[name] += prediction_uncertainty.BiasModel(
                     initial_std=each.initial_bias_std, random_walk_density=each.random_walk_density
                 )

@@ -188,7 +188,7 @@ def _label_noise(settings: schema.Scenario, nominal: Team) -> tuple[Array, ...]:
         tuple(rotations(jnp.array([0.0, 0.0, 1.0]), yaw) for yaw in trajectories.headings(settings)),
         trajectories.make_reference(settings).evaluate(jnp.zeros(())).R,
         team_module.nominal_posture(settings),
-        label_noise.SensorNoise(
+        label_noise.NoiseSources(
             angular_velocity=array(given.angular_velocity_radps),
             acceleration=array(given.accelerometer_mps2),
             velocity=array(given.velocity_mps),

@@ -27,9 +27,9 @@ SLACKS = {
     "z slack": "slack_z",
     "x, y slack": "slack_xy",
 }
-"""Further rows of that panel: part of the commanded acceleration that is not achieved."""
+"""Further rows of that panel: commanded force, or moment over its lever, that is not achieved [N]."""
 SLACK_THRESHOLD = 0.1
-"""Slack from which a row is active [N]; the solver's residual is below it in 99 % of the periods."""
+"""Slack from which a row is active [N]; smaller values are residuals of the solver."""
 ROW_LABELS = (r"$\|e_p\|$ [m]", "attitude\nerror [deg]", "largest contact\nforce [N]", "effective-\nness [1]")
 
 

@@ -88,9 +88,9 @@ def test_results_of_another_run_are_refused(out: Path):
 @pytest.mark.parametrize("earlier", [A, B])
 def test_replace_removes_results_and_keeps_other_files(out: Path, earlier: str):
     fill(out, earlier, ("C1.nc", "integral.nc", "figure_1_tracking.pdf", "certificate.json"))
-    fill(out, B, ("notes.md", "figure_9_mine.pdf", "C9.nc"))
+    fill(out, B, ("notes.md", "figure_10_mine.pdf", "C9.nc"))
     write(out, A, "C2.nc", replace=True)
-    assert names(out) == {"C2.nc", "notes.md", "figure_9_mine.pdf", "C9.nc"}
+    assert names(out) == {"C2.nc", "notes.md", "figure_10_mine.pdf", "C9.nc"}
 
 
 def test_a_reserved_name_without_a_run_id_is_refused(out: Path):

@@ -169,8 +169,8 @@ class ResidualPriorEstimator:
     contains differences of momenta that pass a first-order filter.
 
     Noise of ``y_j`` is not part of the weights, since the label filter averages it out. The estimates that are reported
-    are averages over the same time (`label_noise`). With the covariance N_j of the averaged noise, their covariance is
-    ``P + P (sum_j A_j^T S_j^-1 N_j S_j^-1 A_j) P``.
+    are averages over the same time (`label_noise`). With the covariance N_j of the averaged noise, the covariance is
+    ``P + P (sum_j A_j^T S_j^-1 N_j S_j^-1 A_j) P``. It neglects correlations between agents and the noise of ``y_L``.
 
     The prior stays as it is during a flight. Labels depend on it, so a prior that is fitted to them confirms itself.
 

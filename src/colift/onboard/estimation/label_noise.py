@@ -5,7 +5,9 @@ differenced over one control period. Joint rates follow from the grasp (`state_e
 payload's gyroscope is therefore in the labels of all agents.
 
 Contact forces are averaged by double exponential smoothing with the stages ``s_1``, ``s_2`` of the label filter. The
-average ``2 s_1 - s_2`` has no lag for ramps.
+average ``2 s_1 - s_2`` has no lag for ramps beyond that of the tip force filter.
+
+Correlations between agents and the noise of the payload's equations of motion are neglected.
 
 References:
     Brown, *Smoothing, Forecasting and Prediction of Discrete Time Series*, 1963, ch. 9.
@@ -19,6 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.signal import lfilter
 
 from colift.math.filters import smoothing_factor
 from colift.math.pytree import pytree
@@ -34,7 +37,7 @@ MEMORY = 20.0
 
 
 @pytree
-class SensorNoise:
+class NoiseSources:
     """Standard deviations of white sensor noise in one control period.
 
     Attributes:
@@ -55,7 +58,7 @@ def covariances(
     R: tuple[Float[Array, "_agents 3 3"], ...],
     R_L: Float[Array, "3 3"],
     r: tuple[Float[Array, "_agents _n_r"], ...],
-    sensors: SensorNoise,
+    sensors: NoiseSources,
     filters: FilterBandwidths,
     dt: float,
 ) -> tuple[Float[Array, "_agents _outputs _outputs"], ...]:
@@ -83,18 +86,15 @@ def covariances(
     )
 
 
-def _gains(filters: FilterBandwidths, dt: float) -> SensorNoise:
+def _gains(filters: FilterBandwidths, dt: float) -> NoiseSources:
     """Return the norms of the impulse responses from each sensor to the momenta's rate after all filters."""
     slowest = min(float(f) for f in (filters.complementary, filters.joint, filters.label, filters.tip_force))
     impulse = np.zeros(int(MEMORY / (2 * np.pi * slowest * dt)) + 2)
     impulse[0] = 1
 
     def low_pass(x: np.ndarray, hertz: Scalar) -> np.ndarray:
-        b, y, out = float(smoothing_factor(hertz, jnp.asarray(dt))), 0.0, np.empty_like(x)
-        for i, value in enumerate(x):
-            y += b * (value - y)
-            out[i] = y
-        return out
+        b = float(smoothing_factor(hertz, jnp.asarray(dt)))
+        return lfilter([b], [1, b - 1], x)
 
     def rate(x: np.ndarray) -> np.ndarray:
         return np.diff(x, prepend=0.0) / dt
@@ -104,7 +104,7 @@ def _gains(filters: FilterBandwidths, dt: float) -> SensorNoise:
         return jnp.asarray(np.linalg.norm(2 * first - low_pass(first, filters.label)))
 
     encoder = low_pass(low_pass(impulse, filters.joint), filters.joint)
-    return SensorNoise(
+    return NoiseSources(
         angular_velocity=norm(rate(impulse)),
         acceleration=norm(impulse),
         velocity=norm(rate(low_pass(impulse, filters.complementary))),
@@ -112,14 +112,14 @@ def _gains(filters: FilterBandwidths, dt: float) -> SensorNoise:
     )
 
 
-@functools.partial(jax.jit)
+@jax.jit
 @functools.partial(jax.vmap, in_axes=(0, 0, None, 0, None))
 def _covariances(
     agent: AerialManipulator,
     R: Float[Array, "3 3"],
     R_L: Float[Array, "3 3"],
     r: Float[Array, "n_r"],
-    weights: SensorNoise,
+    weights: NoiseSources,
 ) -> Float[Array, "outputs outputs"]:
     """Return the covariance of one agent, for the variances of each source after the filters."""
     g = aerial_manipulator.forward_kinematics(agent, r)

@@ -152,8 +152,7 @@ class EstimatorState:
     modelled_wrench: Float[Array, "6"]  # N and N m, label without contact forces, after the tip force filter
     label: SecondOrderLowPassState  # N and N m, label filter of the payload
     inputs: SecondOrderLowPassState  # inputs of the payload's learned model, after the label filter
-    contact_forces: tuple[SecondOrderLowPassState, ...]  # N, world, label filter of the estimates, by group; empty
-    # for tip force sensors
+    contact_forces: tuple[SecondOrderLowPassState, ...]  # N, world, label filter of estimates, by group; () with tips
     time_since_label: Scalar  # s, since the last valid label
     initialized: Float[Array, ""]  # 0 before the first control period, 1 afterwards
     tips: TipReadings | None = None  # None if stuck tip force sensors are not detected
@@ -211,12 +210,12 @@ class ComplementaryFilter:
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
         """Return the steady state at the first measurement, with zero labels; see `Estimator`."""
         state = _initial_state(team, measurement, self.pose_delay)
-        if self.detects_stuck_tips:
-            return dataclasses.replace(state, tips=initial_tip_readings(measurement))
-        if not isinstance(self.contact_forces, contact_forces.ResidualPriorEstimator):
-            return state
-        filtered = tuple(steady_state(jnp.zeros(group.lam.shape)) for group in measurement.agents)
-        return dataclasses.replace(state, contact_forces=filtered)
+        averaged = isinstance(self.contact_forces, contact_forces.ResidualPriorEstimator)
+        return dataclasses.replace(
+            state,
+            tips=initial_tip_readings(measurement) if self.detects_stuck_tips else None,
+            contact_forces=tuple(steady_state(jnp.zeros(m.lam.shape)) for m in measurement.agents if averaged),
+        )
 
     def update(
         self,
