@@ -122,9 +122,8 @@ def _quick_compilation(request: pytest.FixtureRequest) -> Iterator[None]:
     quickly = Path(request.path).stem.removeprefix("test_") not in AS_SHIPPED
     if quickly:
         build.OPTIMIZED_FLAGS = build.QUICK_FLAGS = ("-O0",)
-    if (
-        quickly != jax.config.values["jax_disable_most_optimizations"]
-    ):  # tests compare bits: no program of the other level stays
+    was_quick = jax.config.values["jax_disable_most_optimizations"]
+    if quickly != was_quick:  # tests compare bits, so no program of the other level may stay
         _clear_all_caches()
     jax.config.update("jax_disable_most_optimizations", quickly)
     build.build_environment.cache_clear()

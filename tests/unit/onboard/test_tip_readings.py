@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +15,7 @@ from colift.models.measurement import AgentReading, Measurement, PayloadReading
 from colift.onboard.estimation import tip_readings
 from colift.scenario import experiment
 from colift.workflows import python_api
-from tests.support import small_team
+from tests.support import paper_flights, small_team
 
 DT = jnp.array(0.002)
 
@@ -49,6 +51,21 @@ def test_only_readings_with_noise_are_watched(noise, detects):
     given["sensors"] = {"tip_force_N": noise}
     setup = experiment.make_experiment(scenario.Scenario.model_validate(given), "C1")
     assert setup.controller.estimator.detects_stuck_tips is detects
+
+
+def test_late_readings_are_not_stuck():
+    """Readings at 100 Hz, late and with dropouts, have the age that their sensor reports."""
+    given = small_team.settings().model_dump(mode="json", exclude_none=True)
+    late = {"kind": "intermittent", "channels": ["agents.lam"], "rate_Hz": 100, "delay_s": 0.004}
+    given["sensors"] = {"tip_force_N": 0.1, "models": [late | {"dropout_probability": 0.3}]}
+    with_detection = experiment.make_experiment(scenario.Scenario.model_validate(given), "label_feedback")
+    controller = with_detection.controller
+    estimator = dataclasses.replace(controller.estimator, detects_stuck_tips=False)
+    without = dataclasses.replace(with_detection, controller=dataclasses.replace(controller, estimator=estimator))
+    a, b = (paper_flights.simulate(one, 0.5).records for one in (with_detection, without))
+    np.testing.assert_array_equal(a.label_valid, b.label_valid)
+    np.testing.assert_array_equal(a.p, b.p)
+    assert 0 < np.asarray(a.label_valid).mean() < 1
 
 
 @pytest.mark.long
