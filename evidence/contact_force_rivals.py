@@ -8,8 +8,8 @@
   momentum and external force. The contact forces follow from them by the linear model of `momentum_observer`.
 
 Both have the sensors of `momentum_observer`. They are flown without a calibration, and with the residual model of a
-calibration flight of 10 s, which their references do not contain. Their contact forces are not averaged. Their constants follow from equal numbers of trials
-with seeds that are not flown here.
+calibration flight of 10 s, which their references do not contain. Their contact forces are not averaged. Their
+constants follow from equal numbers of trials with seeds that are not flown here.
 
 References:
     Simon, *Optimal State Estimation*, 2006, ch. 13 (extended Kalman filter).
