@@ -82,19 +82,18 @@ def stored(name: str, _out: Path) -> None:
     module.draw(found["items"], HERE / f"{name}.png")
 
 
-def limits(out: Path, *names: str) -> None:
+def limits(out: Path) -> None:
     """Compute the flights of the page on limits by its commands, copy their figures and write its tables."""
     commands = re.findall(r"^\./dev (colift study .*?[^\\])$", LIMITS_PAGE.read_text(encoding="utf-8"), re.M | re.S)
     for found in commands:
         words = shlex.split(found.replace("\\\n", " "))
-        name = Path(words[words.index("--out") + 1]).name
-        if names and name not in names:
-            continue
+        place = words.index("--out") + 1
+        name = Path(words[place]).name
         folder = out / f"limits_{name}"
-        words[words.index("--out") + 1] = str(folder)
+        words[place] = str(folder)
         if not folder.is_dir():  # a flight that ends early has status 1
             subprocess.run([sys.executable, "-m", *words], check=False)
-        small(folder / "figure_9_limits.png", f"limits_{name}")
+        write_small(Image.open(folder / "figure_9_limits.png"), f"limits_{name}", PAGE_PIXELS)
         _, logs = log.load_flights(folder, ALL_CASES)
         rows = ["| case | $e_p$ before [mm] | $e_p$ [mm] | attitude error [deg] | contact force [N] | end |"]
         rows += ["|---|---:|---:|---:|---:|---|", *(limits_row(case, ds) for case, ds in logs.items())]
@@ -116,10 +115,10 @@ def limits_row(case: str, ds: xr.Dataset) -> str:
     return f"| `{case}` | {errors[0]:.1f} | {errors[1]:.1f} | {attitude:.2f} | {force:.1f} | {end} |"
 
 
-def small(source: Path, name: str) -> None:
-    """Write a picture of a study with few colors and the width of a page."""
-    picture = Image.open(source).convert("RGB")
-    picture.thumbnail((PAGE_PIXELS, PAGE_PIXELS))
+def write_small(picture: Image.Image, name: str, pixels: int) -> None:
+    """Write a picture with few colors, with at most this width and height."""
+    picture = picture.convert("RGB")
+    picture.thumbnail((pixels, pixels))
     picture.quantize(64, dither=Image.Dither.NONE).save(HERE / f"{name}.png", optimize=True)
 
 
@@ -148,9 +147,7 @@ def gallery(_out: Path) -> None:
     for path in sorted((ROOT / "docs" / "_build" / "jupyter_execute" / "notebooks").glob("*.ipynb")):
         outputs = [each for cell in json.loads(path.read_text())["cells"] for each in cell.get("outputs", [])]
         images = [each["data"]["image/png"] for each in outputs if "image/png" in each.get("data", {})]
-        picture = Image.open(io.BytesIO(base64.b64decode(images[0]))).convert("RGB")
-        picture.thumbnail((THUMBNAIL, THUMBNAIL))
-        picture.quantize(64, dither=Image.Dither.NONE).save(HERE / f"notebook_{path.stem}.png", optimize=True)
+        write_small(Image.open(io.BytesIO(base64.b64decode(images[0]))), f"notebook_{path.stem}", THUMBNAIL)
 
 
 DRAW: dict[str, Callable[[Path], None]] = {

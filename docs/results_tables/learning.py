@@ -292,48 +292,40 @@ def learning_target() -> str:
     return markdown(("target", "measured", "limit", "met"), rows)
 
 
+def flights_by_team(name: str) -> dict[str, list[dict[str, Any]]]:
+    """Return the flights of all seeds of each team, for a result with items `TEAM SEED`."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for item, one in items(name).items():
+        found.setdefault(item.split()[0], []).append(one)
+    return found
+
+
 @table("contact_forces")
 def kinds() -> str:
     """Estimates of the contact forces: tracking relative to tip sensors, and largest errors of forces."""
-    found, rows = items("contact_forces"), []
-    teams = dict.fromkeys(item.split()[0] for item in found)
-    for team in teams:
-        flights = [one for item, one in found.items() if item.split()[0] == team]
+    cases, rows = ("C3", "label_feedback", "adaptive"), []
+    for team, flights in flights_by_team("contact_forces").items():
         for kind, flown in flights[0].items():
-            if "C3" not in flown:
-                values = [max(one[kind]["C1"][name] for one in flights) for name in FORCE_ERRORS]
-                rows.append((f"`{team}`", kind, None, None, None, *values))
-                continue
-            cases = ("C3", "label_feedback", "adaptive")
-            pairs = [contact_forces.ratio_to_tip_sensors(flights, kind, case) for case in cases]
-            ratios = [f"{mean:.2f} ({largest:.2f})" for mean, largest in pairs]
-            values = [max(one[kind]["C3"][name] for one in flights) for name in FORCE_ERRORS]
+            compared = "C3" in flown
+            values = [max(one[kind]["C3" if compared else "C1"][name] for one in flights) for name in FORCE_ERRORS]
+            ratios: list[str | None] = [None] * len(cases)
+            if compared:
+                pairs = [contact_forces.ratio_to_tip_sensors(flights, kind, case) for case in cases]
+                ratios = [f"{mean:.2f} ({largest:.2f})" for mean, largest in pairs]
             rows.append((f"`{team}`", kind, *ratios, *values))
-    header = (
-        "team",
-        "contact forces",
-        *(f"RMS $e_p$ of `{case}`, ratio" for case in ("C3", "label_feedback", "adaptive")),
-    )
+    header = ("team", "contact forces", *(f"RMS $e_p$ of `{case}`, ratio" for case in cases))
     return markdown((*header, "error of a contact force [N]", "error of the force mismatch [N]"), rows)
 
 
 @table("contact_force_rivals")
 def estimators() -> str:
     """Estimators of the contact forces in flights of C3: errors of tracking and forces, means over the seeds."""
-    found, rows = items("contact_force_rivals"), []
-    for team in dict.fromkeys(item.split()[0] for item in found):
-        flights = [one for item, one in found.items() if item.split()[0] == team]
+    rows = []
+    for team, flights in flights_by_team("contact_force_rivals").items():
         for kind in flights[0]:
-            values = [np.mean([one[kind][name] for one in flights]) for name in ("e_p_rms_m", *FORCE_ERRORS)]
-            rows.append(
-                (
-                    f"`{team}`",
-                    kind.replace("_", " ").replace("kalman", "Kalman"),
-                    1e3 * values[0],
-                    *values[1:],
-                    len(flights),
-                )
-            )
+            label = kind.replace("_", " ").replace("kalman", "Kalman")
+            e_p, *errors = (np.mean([one[kind][name] for one in flights]) for name in ("e_p_rms_m", *FORCE_ERRORS))
+            rows.append((f"`{team}`", label, 1e3 * e_p, *errors, len(flights)))
     header = ("team", "estimator", "RMS $e_p$ [mm]", "error of a contact force [N]", "of the force mismatch [N]", "n")
     return markdown(header, rows)
 
