@@ -13,6 +13,7 @@ t + h, the step of its prediction is removed, because the correction of that per
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -22,13 +23,12 @@ import numpy as np
 from scipy.signal import cont2discrete, lfilter
 
 from colift.analysis import metrics
-from colift.closed_loop.flight import Experiment, run_experiment
-from colift.closed_loop.signals import StepRecord
+from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
 from colift.math.pytree import pytree
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, ResidualForces, zero_residual
 from colift.onboard.learning import residual_correction
-from colift.onboard.learning.kalman_correction import KalmanState, ResidualKalmanFilter
+from colift.onboard.learning.kalman_correction import KalmanState, LabelNoise, ResidualKalmanFilter
 from colift.scenario import experiment
 from evidence import collect, react
 from evidence.targets import Target, report
@@ -73,12 +73,71 @@ class WithoutModel:
         return self.corrector.update(state, dataclasses.replace(observation, prediction=none), clock)
 
 
+@pytree
+class WithoutRate(WithoutModel):
+    """Corrector without the rate of the error in its forecast."""
+
+    def update(
+        self, state: KalmanState, observation: residual_correction.ResidualObservation, clock: ControlClock
+    ) -> tuple[residual_correction.ResidualCorrection, KalmanState]:
+        """Advance the corrector and set the rate to zero."""
+        correction, state = self.corrector.update(state, observation, clock)
+        return dataclasses.replace(correction, rate=jax.tree.map(jnp.zeros_like, correction.rate)), state
+
+
+@pytree
+class WithoutWeight(WithoutModel):
+    """Corrector that applies the whole error when labels stop."""
+
+    def update(
+        self, state: KalmanState, observation: residual_correction.ResidualObservation, clock: ControlClock
+    ) -> tuple[residual_correction.ResidualCorrection, KalmanState]:
+        """Advance the corrector and set its weight to one."""
+        correction, state = self.corrector.update(state, observation, clock)
+        whole = {
+            name: residual_correction.unflatten(x, observation.label)
+            for name, x in (("error", state.d), ("rate", state.v))
+        }
+        return dataclasses.replace(correction, **whole), state
+
+
+@pytree
+class WithoutOffset(WithoutModel):
+    """Corrector without bumpless transfer: the error has no offset when the model is replaced."""
+
+    def update(
+        self, state: KalmanState, observation: residual_correction.ResidualObservation, clock: ControlClock
+    ) -> tuple[residual_correction.ResidualCorrection, KalmanState]:
+        """Advance the corrector without the index of the model update."""
+        constant_index = dataclasses.replace(observation, update_index=jnp.zeros_like(observation.update_index))
+        return self.corrector.update(state, constant_index, clock)
+
+
+@pytree
+class WhiteNoiseFilter(ResidualKalmanFilter):
+    """Filter that treats all label noise as white, with the Allan variance over one label."""
+
+    def _noise_variances(self, noise: LabelNoise, dt: Any) -> tuple[Any, Any]:
+        """Return the variances of white and of differenced label noise; the latter is zero."""
+        return jnp.maximum(noise.allan_1, self.min_noise_variance(dt)), jnp.zeros_like(noise.allan_1)
+
+
+def white_noise_filter(given: ResidualKalmanFilter) -> Corrector:
+    """Return the filter with white label noise and equal constants."""
+    return WhiteNoiseFilter(**{field.name: getattr(given, field.name) for field in dataclasses.fields(given)})
+
+
 REFERENCE = "filter"
 CORRECTORS: Mapping[str, Callable[[ResidualKalmanFilter], Corrector]] = {
     REFERENCE: lambda given: given,
     "half the deviations": lambda given: scale_std(given, 0.5),
     "twice the deviations": lambda given: scale_std(given, 2.0),
-    "without model": WithoutModel,
+    "without model": lambda given: WithoutModel(corrector=given),
+    "without rate": lambda given: WithoutRate(corrector=given),
+    "without weight": lambda given: WithoutWeight(corrector=given),
+    "without bumpless transfer": lambda given: WithoutOffset(corrector=given),
+    "white label noise": white_noise_filter,
+    "max_bandwidth 1000 Hz": with_field("max_bandwidth", 1000.0),
     "max_bandwidth 5 Hz": with_field("max_bandwidth", 5.0),
     "max_bandwidth 20 Hz": with_field("max_bandwidth", 20.0),
     "averaging_time 0.5 s": with_field("averaging_time", 0.5),
@@ -97,12 +156,12 @@ def simulate_item(item: str) -> dict[str, Any]:
     given = plan.controller.residual_corrector
     assert isinstance(given, ResidualKalmanFilter)
     flight = run_experiment(plan)
-    rows, observations = flight.records, recorded_observations(plan, flight.records)
+    rows, observations = flight.records, recorded_observations(plan, flight)
     late = rows.t >= react.EVALUATION_START
     scores, reproduced = {}, None
     for name, make in CORRECTORS.items():
         found = replay(make(given), plan, observations)
-        scores[name] = {str(h): position_error(plan, rows, found, h, late) for h in HORIZONS}
+        scores[name] = {str(h): position_error(plan, flight, found, h, late) for h in HORIZONS}
         if name == REFERENCE:
             reproduced = metrics.rms_norm(np.asarray(found.error.payload.F) - np.asarray(rows.correction_L)[:, :3])
     return {
@@ -113,18 +172,19 @@ def simulate_item(item: str) -> dict[str, Any]:
     }
 
 
-def recorded_observations(plan: Experiment, rows: StepRecord) -> residual_correction.ResidualObservation:
+def recorded_observations(plan: Experiment, flight: FlightResult) -> residual_correction.ResidualObservation:
     """Return the observations of a flight.
 
     Moments and joint torques of agents are not logged and count as zero. The payload has a label in every period.
     """
-    team, valid = plan.controller.team, np.asarray(rows.label_valid)
+    team, rows, ticks_of_updates = plan.controller.team, flight.records, update_ticks(flight)
+    valid = np.asarray(rows.label_valid)
     ticks, dt = len(rows.t), float(plan.dt)
     interval, since = np.zeros(ticks), 0.0
     for k in range(ticks):
         interval[k] = since = since + dt
         since *= 1 - valid[k]
-    steps = np.isin(np.arange(ticks), update_ticks(plan, ticks)).cumsum()
+    steps = np.isin(np.arange(ticks), ticks_of_updates).cumsum()
     label = logged_forces(team, rows.label_L, rows.label_x)
     by_body = lambda L, x: jax.vmap(residual_correction.by_body)(label, jnp.asarray(L), jnp.asarray(x))  # noqa: E731
     return residual_correction.ResidualObservation(
@@ -136,11 +196,17 @@ def recorded_observations(plan: Experiment, rows: StepRecord) -> residual_correc
     )
 
 
-def update_ticks(plan: Experiment, ticks: int) -> np.ndarray:
-    """Return the ticks at which a model may be replaced: the periodic updates."""
-    times = plan.online_updates.times if plan.online_updates is not None else plan.update_times
-    found = np.rint(np.asarray(times) / float(plan.dt)).astype(int)
-    return found[found < ticks]
+def update_ticks(flight: FlightResult) -> np.ndarray:
+    """Return the ticks at which the flight replaced its model."""
+    intervals = flight.model_intervals
+    return np.array(
+        [
+            new.start_tick
+            for old, new in itertools.pairwise(intervals)
+            if int(new.model.update_index) != int(old.model.update_index)
+        ],
+        dtype=int,
+    )
 
 
 def logged_forces(team: Team, L: Any, x: Any) -> ResidualForces:
@@ -181,7 +247,7 @@ def total_force(forces: ResidualForces) -> np.ndarray:
 
 def position_error(
     plan: Experiment,
-    rows: StepRecord,
+    flight: FlightResult,
     correction: residual_correction.ResidualCorrection,
     horizon: float,
     evaluated: np.ndarray,
@@ -191,9 +257,10 @@ def position_error(
         return None
     dt, team = float(plan.dt), plan.controller.team
     n = round(horizon / dt)
-    end, at = len(rows.t), np.arange(len(rows.t) - n)
+    rows, replaced = flight.records, update_ticks(flight)
+    at = np.arange(len(rows.t) - n)
     model = correction.prediction
-    steps = jax.tree.map(lambda x: _steps(np.asarray(x), update_ticks(plan, end)), model)
+    steps = jax.tree.map(lambda x: _steps(np.asarray(x), replaced), model)
     forecast = jax.tree.map(
         lambda f, jump, d, v: f[at + n] - jump[at + n] + jump[at] + d[at] + horizon * v[at],
         *(model, steps, correction.error, correction.rate),
@@ -229,13 +296,13 @@ def main() -> bool:
     """Print the geometric means of the scores relative to the filter of `adaptive` and return whether replays agree."""
     found = collect("replay", map(str, range(SAMPLES)), simulate_item)
     flown = {item: one for item, one in found.items() if not one["termination_reason"]}
-    print(f"{'forecast':22}" + "".join(f"{h:>9} s" for h in HORIZONS))
+    print(f"{'forecast':28}" + "".join(f"{h:>9} s" for h in HORIZONS))
     for name in CORRECTORS:
         ratios = [
             np.exp(np.mean([np.log(_score(one, name, h) / _score(one, REFERENCE, h)) for one in flown.values()]))
             for h in HORIZONS
         ]
-        print(f"{name:22}" + "".join(f"{x:11.3f}" for x in ratios))
+        print(f"{name:28}" + "".join(f"{x:11.3f}" for x in ratios))
     worst = max(one["reproduction_rms_N"] for one in flown.values())
     return report([Target("difference of recorded and replayed correction [N]", worst, most=REPRODUCED_N)])
 

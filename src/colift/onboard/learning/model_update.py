@@ -20,9 +20,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from threadpoolctl import threadpool_limits
 
 from colift import gp
+from colift.gp.likelihood import BLAS
 from colift.onboard.learning.features import BodyKey, compute_features
 from colift.onboard.learning.identification import inertial_regressor, payload_state_from_input
 from colift.onboard.learning.mean_functions import MeanFunction
@@ -161,11 +161,16 @@ def select_samples(
         keep = gp.select_subset(Z, posterior.hyper, posterior.capacity, 1 + ratio * changed)
         return x[keep], Y[keep], times[keep]
 
-    return _replace_samples(like, {**samples_by_body(like), **parallel_map(select, samples)})
+    return replace_samples(like, {**samples_by_body(like), **parallel_map(select, samples)})
 
 
-def _replace_samples(like: RecorderState, samples: Mapping[BodyKey, Samples]) -> RecorderState:
-    """Return the recorder state with the given samples, in data sets of the same capacity."""
+def replace_samples(like: RecorderState, samples: Mapping[BodyKey, Samples]) -> RecorderState:
+    """Return the recorder state with the given samples, in data sets of the same capacity.
+
+    Args:
+        like: Data sets that are replaced.
+        samples: Samples of all bodies.
+    """
 
     def padded(like: gp.Dataset, body_samples: Samples) -> gp.Dataset:
         n = len(body_samples[2])
@@ -277,5 +282,5 @@ def parallel_map(function: Callable[[BodyKey], T], bodies: Collection[BodyKey]) 
         signals.raise_if_interrupted()
         return function(body)
 
-    with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
+    with BLAS.limit(limits=1), ThreadPoolExecutor(os.cpu_count()) as pool:
         return dict(zip(bodies, pool.map(call, bodies), strict=True))
