@@ -1,15 +1,15 @@
 """Ablation of the model updates of `adaptive`: flights with one rule of the updates left out or one constant changed.
 
-Each item is a sample of `evidence react`, drawn with the key of `evidence replay`. All variants have equal noise. The
-correction by the Kalman filter remains in use, so that the ratios state what a rule of the model updates adds to it.
-Rules of the correction are compared by `evidence replay`.
+Each item is a sample of `evidence react`, drawn with the key of `evidence replay`, with variants of the rules or of the
+constants. All variants have equal noise. The correction by the Kalman filter remains in use, so that the ratios state
+what a rule of the model updates adds to it. Rules of the correction are compared by `evidence replay`.
 """
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 from unittest import mock
 
@@ -55,12 +55,11 @@ def select_newest(
     return model_update.replace_samples(like, {**model_update.samples_by_body(like), **newest})
 
 
-CHANGES: Mapping[str, Change] = {
-    REFERENCE: contextlib.nullcontext,
+PATCHES: Mapping[str, Change] = {
     "without change points": lambda: with_attribute("detect_changes", lambda *_: {}, change_detection),
-    "one candidate time": lambda: with_attribute("NUM_CANDIDATES", 1, change_detection),
     "without random walks": lambda: with_attribute("RATE_BOUNDS", (1e-9, 1.001e-9), semiparametric),
     "newest samples": lambda: with_attribute("select_samples", select_newest, model_update),
+    "one candidate time": lambda: with_attribute("NUM_CANDIDATES", 1, change_detection),
     "jump share 0.01": lambda: with_attribute("JUMP_SHARE", 0.01, gp, time_variation),
     "jump share 0.25": lambda: with_attribute("JUMP_SHARE", 0.25, gp, time_variation),
 }
@@ -95,23 +94,27 @@ def with_mean_prior(plan: Experiment, mean_prior: MeanPrior) -> Experiment:
     return dataclasses.replace(plan, online_updates=dataclasses.replace(plan.online_updates, mean_prior=mean_prior))
 
 
-EXPERIMENTS: Mapping[str, Callable[[Experiment], Experiment]] = {
+PLANS: Mapping[str, Callable[[Experiment], Experiment]] = {
     "without physical effects": without_physical_effects,
     "median rate * 10": with_median_rate(10.0),
 }
+VARIANTS = {
+    "rules": ("without change points", "without random walks", "newest samples", "without physical effects"),
+    "constants": ("one candidate time", "jump share 0.01", "jump share 0.25", "median rate * 10"),
+}
+SAMPLES = {"rules": replay.SAMPLES, "constants": 20}
 
 
 def simulate_item(item: str) -> dict[str, Any]:
-    """Return for each variant the RMS position errors [m] after the change."""
-    settings, parameters = react.draw(int(item), replay.KEY)
+    """Return for `adaptive` and each variant of a kind the RMS position errors [m] after the change."""
+    kind, sample = item.split()
+    settings, _ = react.draw(int(sample), replay.KEY)
     plan = experiment.make_experiment(settings, "adaptive")
-    found: dict[str, Any] = {}
-    for name, change in CHANGES.items():
-        with change():
-            found[name] = simulate(plan)
-    for name, changed in EXPERIMENTS.items():
-        found[name] = simulate(changed(plan))
-    return {"sample": parameters, **found}
+    found = {REFERENCE: simulate(plan)}
+    for name in VARIANTS[kind]:
+        with PATCHES.get(name, contextlib.nullcontext)():
+            found[name] = simulate(PLANS.get(name, lambda same: same)(plan))
+    return found
 
 
 def simulate(plan: Experiment) -> dict[str, Any]:
@@ -128,24 +131,22 @@ def simulate(plan: Experiment) -> dict[str, Any]:
 
 def main() -> bool:
     """Print the geometric mean, the 90 % quantile and the largest ratio of the errors to those of `adaptive`."""
-    found = collect("update_ablation", map(str, range(replay.SAMPLES)), simulate_item)
-    whole = {k: one for k, one in found.items() if not any(one[name]["termination_reason"] for name in variants())}
-    print(f"{len(whole)} of {len(found)} samples: all variants complete their flights")
-    for name in variants():
-        lost = sum(bool(one[name]["termination_reason"]) for one in found.values())
-        print(f"{name:26} lost {lost}" + "".join(f"  {span}: {summary(whole, name, span)}" for span in SPANS))
+    items = [f"{kind} {k}" for kind, number in SAMPLES.items() for k in range(number)]
+    found = collect("update_ablation", items, simulate_item)
+    for kind, names in VARIANTS.items():
+        of_kind = [one for item, one in found.items() if item.startswith(kind)]
+        for name in names:
+            lost = sum(bool(one[name]["termination_reason"]) for one in of_kind)
+            spans = "".join(f"  {span}: {summary(of_kind, name, span)}" for span in SPANS)
+            print(f"{name:26} {len(of_kind)} samples, {lost} lost{spans}")
     return not any(one[REFERENCE]["termination_reason"] for one in found.values())
 
 
-def variants() -> list[str]:
-    """Return the names of all variants."""
-    return [*CHANGES, *EXPERIMENTS]
-
-
-def summary(found: Mapping[str, Any], name: str, span: str) -> str:
+def summary(found: Sequence[Mapping[str, Any]], name: str, span: str) -> str:
     """Return the distribution of the ratios of a variant as text."""
     key = f"e_p_rms_{span}_m"
-    ratios = np.array([one[name][key] / one[REFERENCE][key] for one in found.values()])
+    pairs = [(one[name][key], one[REFERENCE][key]) for one in found if not one[name]["termination_reason"]]
+    ratios = np.array([changed / reference for changed, reference in pairs])
     return f"{np.exp(np.log(ratios).mean()):.3f}, 90 % {np.quantile(ratios, 0.9):.2f}, largest {ratios.max():.2f}"
 
 

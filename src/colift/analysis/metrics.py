@@ -6,7 +6,6 @@ from typing import Any
 
 import jax
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from colift.closed_loop import linearization, log
 from colift.closed_loop.flight import FlightResult
@@ -129,6 +128,8 @@ def high_frequency_rms(rows: StepRecord) -> float:
         return float("nan")
     rate = 1 / float(np.diff(rows.t[:2])[0])
     lam = rows.lam.reshape(len(rows.lam), -1)
+    from scipy.signal import butter, sosfiltfilt  # here, because it takes long to import
+
     high = butter(4, HIGH_FREQUENCY_HZ, "high", fs=rate, output="sos")
     return float(np.sqrt((sosfiltfilt(high, lam - lam.mean(0), axis=0) ** 2).mean(0)).max())
 

@@ -48,13 +48,18 @@ def test_each_rule_of_the_corrector_has_an_effect(plan):
         assert not np.allclose(corrections[name].error.payload.F, expected), name
 
 
-@pytest.mark.parametrize("name", update_ablation.CHANGES)
+@pytest.mark.parametrize("name", update_ablation.PATCHES)
 def test_a_change_of_the_updates_is_undone(name):
     detect = update_ablation.change_detection.detect_changes
-    with update_ablation.CHANGES[name]():
+    with update_ablation.PATCHES[name]():
         replaced = update_ablation.change_detection.detect_changes is not detect
     assert replaced == (name == "without change points")
     assert update_ablation.change_detection.detect_changes is detect
+
+
+def test_each_variant_is_defined():
+    names = [name for group in update_ablation.VARIANTS.values() for name in group]
+    assert sorted(names) == sorted([*update_ablation.PATCHES, *update_ablation.PLANS])
 
 
 def test_without_physical_effects_constants_keep_their_prior(plan):

@@ -21,7 +21,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.signal import lfilter
 
 from colift.math.filters import smoothing_factor
 from colift.math.pytree import pytree
@@ -88,6 +87,8 @@ def covariances(
 
 def _gains(filters: FilterBandwidths, dt: float) -> NoiseSources:
     """Return the norms of the impulse responses from each sensor to the momenta's rate after all filters."""
+    from scipy.signal import lfilter  # here, because it takes long to import
+
     slowest = min(float(f) for f in (filters.complementary, filters.joint, filters.label, filters.tip_force))
     impulse = np.zeros(int(MEMORY / (2 * np.pi * slowest * dt)) + 2)
     impulse[0] = 1
