@@ -11,6 +11,7 @@ import dataclasses
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from colift.analysis import remedies, stability
 from colift.analysis.findings import Finding, Level, failure
@@ -58,14 +59,15 @@ def analyze_loop(case_experiment: flight.Experiment, state: State) -> LoopAnalys
     Raises:
         ValueError: If no equilibrium is found near the state.
     """
-    x, M = stability.equilibrium_and_jacobian(case_experiment, state)
-    dt = case_experiment.dt
-    modes, margins, reason = stability.compute_modes(x, M, dt), None, ""
-    if modes.stable:
-        try:
-            margins = stability.stability_margins(x, M, dt)
-        except ValueError as error:
-            reason = str(error)
+    dt, margins, reason = case_experiment.dt, None, ""
+    with threadpool_limits(1):  # the matrices are small
+        x, M = stability.equilibrium_and_jacobian(case_experiment, state)
+        modes = stability.compute_modes(x, M, dt)
+        if modes.stable:
+            try:
+                margins = stability.stability_margins(x, M, dt)
+            except ValueError as error:
+                reason = str(error)
     return LoopAnalysis(x, M, dt, modes, margins, reason)
 
 

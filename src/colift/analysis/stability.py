@@ -24,6 +24,7 @@ from jaxtyping import Array
 from scipy import linalg
 from threadpoolctl import threadpool_limits
 
+from colift.analysis import characteristic_loci
 from colift.closed_loop import flight, simulator
 from colift.math import so3
 from colift.math.linalg import matmul
@@ -139,7 +140,7 @@ def delay_margin(x: LoopStateTree, M: np.ndarray, max_ticks: int) -> int:
     Args:
         x: Equilibrium of the loop.
         M: Jacobian of one tick at x.
-        max_ticks: Largest delay that is tested, in ticks.
+        max_ticks: Largest delay that is considered, in ticks.
 
     Returns:
         Largest additional delay of all commands for which the loop is stable, at most `max_ticks`; -1 if the loop is
@@ -150,12 +151,10 @@ def delay_margin(x: LoopStateTree, M: np.ndarray, max_ticks: int) -> int:
         if np.abs(np.linalg.eigvals(M)).max() >= 1:
             return -1
         # The other states do not influence commands, so their eigenvalues are the same with every delay.
-        rows = _observable(M - B @ K, K)
-        M, B, K = M[np.ix_(rows, rows)], B[rows], K[:, rows]
-        for ticks in range(1, max_ticks + 1):
-            if np.abs(np.linalg.eigvals(_append_delay(M, B, K, ticks))).max() >= 1:
-                return ticks - 1
-    return max_ticks
+        A = M - B @ K
+        rows = _observable(A, K)
+        limit = characteristic_loci.delay_margin(A[np.ix_(rows, rows)], B[rows], K[:, rows])
+    return max_ticks if limit > max_ticks else max(math.ceil(limit) - 1, 0)
 
 
 def _observable(A: np.ndarray, C: np.ndarray) -> np.ndarray:
