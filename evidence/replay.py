@@ -1,8 +1,9 @@
 """Replay of residual correctors over recorded flights of `adaptive`, scored by their forecasts.
 
 Each item is a flight in the random environment of one sample of `evidence react`, with another key of the random
-numbers. The flight records labels before their filter and predictions of the residual model. Each corrector is then
-computed for these signals, so that correctors are compared on equal labels without a flight.
+numbers; some items have no tip force sensors. The flight records labels before their filter and predictions of the
+residual model. Each corrector is then computed for these signals, so that correctors are compared on equal labels
+without a flight.
 
 A forecast for the time h ahead is the sum of the forces of payload and agents, ``f_hat(t + h) + d + h v``. Its error
 passes the position loop, ``e'' + K_v e' + K_p e = error / mass``, and the score is the RMS position error after the
@@ -29,12 +30,14 @@ from colift.models.parameters import Team
 from colift.models.state import ControlClock, ResidualForces, zero_residual
 from colift.onboard.learning import residual_correction
 from colift.onboard.learning.kalman_correction import KalmanState, LabelNoise, ResidualKalmanFilter
-from colift.scenario import experiment
+from colift.scenario import Scenario, experiment
 from evidence import collect, react
 from evidence.targets import Target, report
 
 KEY = 7119  # of the random numbers; not that of `evidence react`
 SAMPLES = 60
+SAMPLES_WITHOUT_TIPS = 10
+WITHOUT_TIPS = "without tip force sensors"
 HORIZONS = (0.0, 0.03, 0.06, 0.1)  # s
 REPRODUCED_N = 0.02  # largest RMS difference between recorded and replayed correction
 
@@ -151,7 +154,10 @@ CORRECTORS: Mapping[str, Callable[[ResidualKalmanFilter], Corrector]] = {
 
 def simulate_item(item: str) -> dict[str, Any]:
     """Return for each corrector the RMS position error [m] by horizon, and the error of reproduction [N]."""
-    settings, _ = react.draw(int(item), KEY)
+    sample, _, rest = item.partition(" ")
+    settings, _ = react.draw(int(sample), KEY)
+    if rest == WITHOUT_TIPS:
+        settings = Scenario.model_validate(settings.model_dump() | {"contact_forces": {"kind": "least_squares"}})
     plan = experiment.make_experiment(settings, "adaptive")
     given = plan.controller.residual_corrector
     assert isinstance(given, ResidualKalmanFilter)
@@ -294,16 +300,20 @@ def _second_order(u: np.ndarray, k_p: float, k_v: float, dt: float) -> np.ndarra
 
 def main() -> bool:
     """Print the geometric means of the scores relative to the filter of `adaptive` and return whether replays agree."""
-    found = collect("replay", map(str, range(SAMPLES)), simulate_item)
-    flown = {item: one for item, one in found.items() if not one["termination_reason"]}
-    print(f"{'forecast':28}" + "".join(f"{h:>9} s" for h in HORIZONS))
-    for name in CORRECTORS:
-        ratios = [
-            np.exp(np.mean([np.log(_score(one, name, h) / _score(one, REFERENCE, h)) for one in flown.values()]))
-            for h in HORIZONS
-        ]
-        print(f"{name:28}" + "".join(f"{x:11.3f}" for x in ratios))
-    worst = max(one["reproduction_rms_N"] for one in flown.values())
+    with_tips = [str(k) for k in range(SAMPLES)]
+    without = [f"{k} {WITHOUT_TIPS}" for k in range(SAMPLES_WITHOUT_TIPS)]
+    found = collect("replay", [*with_tips, *without], simulate_item)
+    for items in (with_tips, without):
+        flown = [found[item] for item in items if not found[item]["termination_reason"]]
+        print(f"{len(flown)} flights, {items[0].partition(' ')[2] or 'with tip force sensors'}")
+        print(f"{'forecast':28}" + "".join(f"{h:>9} s" for h in HORIZONS))
+        for name in CORRECTORS:
+            ratios = [
+                np.exp(np.mean([np.log(_score(one, name, h) / _score(one, REFERENCE, h)) for one in flown]))
+                for h in HORIZONS
+            ]
+            print(f"{name:28}" + "".join(f"{x:11.3f}" for x in ratios))
+    worst = max(one["reproduction_rms_N"] for one in found.values())
     return report([Target("difference of recorded and replayed correction [N]", worst, most=REPRODUCED_N)])
 
 

@@ -166,6 +166,54 @@ def random_targets() -> str:
     return targets(importlib.import_module("evidence.react").targets(items("react")))
 
 
+def _ratios(pairs: Any) -> tuple[float, float, float]:
+    """Return geometric mean, 90 % quantile and greatest ratio of pairs of changed and reference errors."""
+    x = np.array([changed / reference for changed, reference in pairs])
+    return float(np.exp(np.log(x).mean())), float(np.quantile(x, 0.9)), float(x.max())
+
+
+@table("replay")
+def correction_ablation() -> str:
+    """Replays of the correction with a rule left out or a constant changed: forecast error over that of `adaptive`."""
+    groups: dict[bool, list[Any]] = {}
+    for item, one in items("replay").items():
+        if not one["termination_reason"]:
+            groups.setdefault(" " in item, []).append(one["forecast_e_p_rms_m"])
+    reference, *names = groups[False][0]
+    rows = []
+    for name in names:
+        with_tips, without = (
+            [_ratios((one[name][h], one[reference][h]) for one in groups[kind])[:2] for h in ("0.0", "0.06")]
+            for kind in (False, True)
+        )
+        rows.append((name, *(mean for mean, _ in with_tips), with_tips[1][1], *(mean for mean, _ in without)))
+    header = (
+        *("variant", "at once: mean", "60 ms ahead: mean", "60 ms ahead: 90 %"),
+        *("without tips, at once: mean", "without tips, 60 ms ahead: mean"),
+    )
+    return markdown(header, rows)
+
+
+@table("update_ablation")
+def update_ablation() -> str:
+    """Flights with a rule of the model updates left out or a constant changed: error over that of `adaptive`."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for one in items("update_ablation").values():
+        for name in one:
+            if name != "adaptive":
+                found.setdefault(name, []).append(one)
+    rows = []
+    for name, flown in found.items():
+        whole = [one for one in flown if not one[name]["termination_reason"]]
+        early, late = (
+            _ratios((one[name][key], one["adaptive"][key]) for one in whole)
+            for key in ("e_p_rms_after_change_m", "e_p_rms_late_m")
+        )
+        rows.append((name, early[0], *late, f"{len(whole)} of {len(flown)}"))
+    header = ("variant", "1.5 s after the change: mean", "later: mean", "90 %", "greatest", "complete flights")
+    return markdown(header, rows)
+
+
 # Generalization -------------------------------------------------------------------------------------------------------
 
 CONDITIONS = {
