@@ -11,7 +11,7 @@ MAX_TICKS = 30
 
 
 def largest_stable_delay(A, B, K):
-    """Largest delay up to which the loop with appended commands is stable; the oracle."""
+    """Largest delay up to which the loop with appended commands is stable."""
     for ticks in range(1, MAX_TICKS + 1):
         if np.abs(np.linalg.eigvals(stability._append_delay(A + B @ K, B, K, ticks))).max() >= 1:
             return ticks - 1
