@@ -14,7 +14,6 @@ t + h, the step of its prediction is removed, because the correction of that per
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -183,7 +182,7 @@ def recorded_observations(plan: Experiment, flight: FlightResult) -> residual_co
 
     Moments and joint torques of agents are not logged and count as zero. The payload has a label in every period.
     """
-    team, rows, ticks_of_updates = plan.controller.team, flight.records, update_ticks(flight)
+    team, rows, ticks_of_updates = plan.controller.team, flight.records, update_ticks(plan, flight)
     valid = np.asarray(rows.label_valid)
     ticks, dt = len(rows.t), float(plan.dt)
     interval, since = np.zeros(ticks), 0.0
@@ -202,17 +201,11 @@ def recorded_observations(plan: Experiment, flight: FlightResult) -> residual_co
     )
 
 
-def update_ticks(flight: FlightResult) -> np.ndarray:
+def update_ticks(plan: Experiment, flight: FlightResult) -> np.ndarray:
     """Return the ticks at which the flight replaced its model."""
-    intervals = flight.model_intervals
-    return np.array(
-        [
-            new.start_tick
-            for old, new in itertools.pairwise(intervals)
-            if int(new.model.update_index) != int(old.model.update_index)
-        ],
-        dtype=int,
-    )
+    indices = [int(plan.controller.residual_model.update_index), *(update.update_index for update in flight.updates)]
+    ticks = [round(update.activation_time / plan.dt) for update in flight.updates]
+    return np.array(ticks, dtype=int)[np.diff(indices) != 0]
 
 
 def logged_forces(team: Team, L: Any, x: Any) -> ResidualForces:
@@ -263,7 +256,7 @@ def position_error(
         return None
     dt, team = float(plan.dt), plan.controller.team
     n = round(horizon / dt)
-    rows, replaced = flight.records, update_ticks(flight)
+    rows, replaced = flight.records, update_ticks(plan, flight)
     at = np.arange(len(rows.t) - n)
     model = correction.prediction
     steps = jax.tree.map(lambda x: _steps(np.asarray(x), replaced), model)

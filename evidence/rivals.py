@@ -77,7 +77,9 @@ def compare(seed: int) -> dict[str, Any]:
         L = falsification.RESIDUAL_TRIALS[kind](made, int(number), rng)
         forces = adversary.worst_case_residual(made.experiment, made.flight, loop.nodes, loop.records, L)
         rows, _ = linearized_trajectory.simulate_nominal(
-            nominal_run.nominal_experiment(made.experiment, forces), made.flight.model_intervals, seed=seed
+            nominal_run.nominal_experiment(made.experiment, forces),
+            made.nominal_linearization.model_schedule,
+            seed=seed,
         )
         late = rows.t >= found.window[0] - 1e-9
         reached[name] = {error: _size(getattr(rows, error)[late]) for error in ERRORS}

@@ -320,7 +320,7 @@ def _check_noise_linearity(
         return
     try:
         records, _ = linearized_trajectory.simulate_nominal(
-            nominal_run.nominal_experiment(experiment, flight.model), flight.model_intervals, seed=0
+            nominal_run.nominal_experiment(experiment, flight.model), loop.model_schedule, seed=0
         )
     except linearized_trajectory.TerminatedEarly as error:
         raise ValueError(f"no certificate: with sensor noise alone {error}") from None

@@ -176,7 +176,7 @@ def certify(
         ValueError: If the run ends too early after the last update.
 
     Example:
-        >>> loop = nominal_run.nominal_trajectory(experiment, flight)
+        >>> loop = nominal_run.nominal_trajectory(experiment, flight, schedule)
         >>> certify(experiment, flight, loop).ultimate_bounds["energy"].a_priori["e_p"]
     """
     nominal_run.check_supported(experiment)

@@ -32,7 +32,6 @@ from colift.closed_loop import flight, linearization, simulator, termination
 from colift.closed_loop.signals import StepRecord
 from colift.math.pytree import pytree
 from colift.models.state import ResidualForces, State, flatten_agent_state, flatten_payload_state
-from colift.onboard.learning.prediction_uncertainty import ModelInterval
 from colift.runtime import signals
 
 Matrix = NDArray[np.float64]
@@ -64,7 +63,7 @@ class LinearizedTrajectory:
         bodies: Input columns of the payload, then of each agent.
     """
 
-    model_schedule: tuple[ModelInterval, ...]
+    model_schedule: tuple[flight.ModelInterval, ...]
     records: StepRecord
     nodes: NDArray[np.intp]
     A: Matrix
@@ -105,7 +104,7 @@ class _ConstantForce:
 
 
 def simulate_nominal(
-    experiment: flight.Experiment, schedule: Sequence[ModelInterval], nodes: Nodes = (), seed: int | None = None
+    experiment: flight.Experiment, schedule: Sequence[flight.ModelInterval], nodes: Nodes = (), seed: int | None = None
 ) -> tuple[StepRecord, list[simulator.LoopState]]:
     """Simulate without online learning; residual models are replaced as scheduled.
 
@@ -157,7 +156,7 @@ def simulate_nominal(
 
 
 def linearize_along(
-    experiment: flight.Experiment, schedule: Sequence[ModelInterval], with_noise: bool
+    experiment: flight.Experiment, schedule: Sequence[flight.ModelInterval], with_noise: bool
 ) -> LinearizedTrajectory:
     """Linearize the closed loop along the run of an experiment, with residual models as scheduled.
 

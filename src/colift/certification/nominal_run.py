@@ -10,6 +10,7 @@ See Also:
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from fractions import Fraction
 from math import gcd, lcm
 from typing import Any
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from colift.certification import assumptions, linearized_trajectory
 from colift.certification.linearized_trajectory import LinearizedTrajectory
 from colift.closed_loop import signals
-from colift.closed_loop.flight import Experiment, FlightResult
+from colift.closed_loop.flight import Experiment, FlightResult, ModelInterval
 from colift.gp import SquaredExponential
 from colift.onboard import controller
 from colift.onboard.control import agent_controllers, allocators, payload_controllers
@@ -134,12 +135,15 @@ def nominal_experiment(experiment: Experiment, truth: residual_model.ResidualMod
     )
 
 
-def nominal_trajectory(experiment: Experiment, flight: FlightResult) -> LinearizedTrajectory:
+def nominal_trajectory(
+    experiment: Experiment, flight: FlightResult, schedule: Sequence[ModelInterval]
+) -> LinearizedTrajectory:
     """Simulate the nominal trajectory of a run with learning, and linearize the closed loop along it.
 
     Args:
         experiment: Experiment of the run.
         flight: Simulated run.
+        schedule: All residual models of the run, from `on_model` of `run_experiment`.
 
     Returns:
         Closed loop linearized along the nominal trajectory.
@@ -156,7 +160,7 @@ def nominal_trajectory(experiment: Experiment, flight: FlightResult) -> Lineariz
     try:
         return linearized_trajectory.linearize_along(
             nominal_experiment(experiment, flight.model),
-            flight.model_intervals,
+            schedule,
             with_noise=assumptions.has_sensor_noise(experiment.world.sensors),
         )
     except linearized_trajectory.TerminatedEarly as error:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Generic, Protocol, runtime_checkable
 
 import jax
@@ -26,7 +26,7 @@ from colift.models import grasp
 from colift.models.state import State
 from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.estimation.contact_forces import ResidualPriorEstimator
-from colift.onboard.learning import confidence_bounds, model_update, prediction_uncertainty, residual_model
+from colift.onboard.learning import confidence_bounds, model_update, residual_model, semiparametric
 from colift.onboard.learning.online_learner import (
     IdentificationOptions,
     ModelUpdate,
@@ -34,7 +34,7 @@ from colift.onboard.learning.online_learner import (
     OnlineUpdateOptions,
     RidgeOptions,
 )
-from colift.onboard.learning.prediction_uncertainty import LabelBiasModel, ModelInterval, PredictionUncertainty
+from colift.onboard.learning.prediction_uncertainty import LabelBiasModel, PredictionUncertainty, UncertaintyAlongRun
 from colift.runtime import signals
 from colift.simulation.world import World
 
@@ -111,15 +111,33 @@ class Experiment(Generic[WorldT]):
 
 
 @dataclasses.dataclass(frozen=True)
+class ModelInterval:
+    """Residual model with its error bounds, in use from one tick until the next interval.
+
+    Attributes:
+        start_tick: Index of the first control period.
+        model: Residual model.
+        bands: Error bounds of the model.
+        mean_uncertainties: Mean uncertainties of the model, by body.
+    """
+
+    start_tick: int
+    model: residual_model.ResidualModel
+    bands: confidence_bounds.ConfidenceBands
+    mean_uncertainties: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass(frozen=True)
 class FlightResult:
-    """Records of a simulated flight, its residual models and their uncertainty.
+    """Records of a simulated flight, its last residual model and the uncertainty of all models.
 
     Attributes:
         records: Records of all ticks as NumPy arrays.
         uncertainty: Standard deviations and error bounds along the flight, at a lower rate.
         updates: Model updates in the order of their activation.
         termination_reason: Violated limit, body and time; empty if the flight is complete.
-        model_intervals: Residual models in the order of their first tick.
+        model: Residual model at the end of the flight.
+        bands: Error bounds of this model.
         wall_time: Computation time by stage [s].
         learning_warnings: Sentences on updates that failed, were omitted or were not finished.
     """
@@ -128,19 +146,10 @@ class FlightResult:
     uncertainty: PredictionUncertainty
     updates: tuple[ModelUpdate, ...]
     termination_reason: str
-    model_intervals: tuple[ModelInterval, ...]
+    model: residual_model.ResidualModel
+    bands: confidence_bounds.ConfidenceBands
     wall_time: dict[str, float]
     learning_warnings: tuple[str, ...] = ()
-
-    @property
-    def model(self) -> residual_model.ResidualModel:
-        """Residual model at the end of the flight."""
-        return self.model_intervals[-1].model
-
-    @property
-    def bands(self) -> confidence_bounds.ConfidenceBands:
-        """Confidence bands of this model."""
-        return self.model_intervals[-1].bands
 
 
 CHUNK_DURATION = 0.5  # s, simulated time between two reports of progress
@@ -156,6 +165,7 @@ def run_experiment(
     experiment: Experiment[World],
     progress: Callable[[float], None] = lambda _t: None,
     on_chunk: Callable[[StepRecord], None] = lambda _rows: None,
+    on_model: Callable[[ModelInterval], None] = lambda _interval: None,
 ) -> FlightResult:
     """Simulate a flight with its model updates.
 
@@ -166,9 +176,10 @@ def run_experiment(
         experiment: Definition of the flight.
         progress: Function called with the simulated time [s] after each chunk.
         on_chunk: Function called with the records of each chunk.
+        on_model: Function called with each residual model when it comes into use; the flight keeps the last one only.
 
     Returns:
-        The records, the residual models and their uncertainty.
+        The records, the last residual model and the uncertainty along the flight.
 
     Example:
         ::
@@ -180,9 +191,9 @@ def run_experiment(
     experiment = experiment.calibrated()
     dt, setup = experiment.dt, experiment.loop_config
     chunk_ticks, ticks = ticks_per_chunk(experiment), round(experiment.duration / dt)
-    model_updates = _ModelUpdates(experiment)
+    model_updates, uncertainty = _ModelUpdates(experiment, on_model), _Uncertainty(experiment)
     key = jax.random.fold_in(jax.random.key(experiment.seed), 2)
-    chunks, wall_time = [], {"simulation": 0.0, "fit": 0.0}
+    chunks, wall_time = [], {"simulation": 0.0, "fit": 0.0, "error_bounds": 0.0}
     loop = reset(setup, experiment.initial_state)
     done, termination_reason = 0, ""
     progress(0.0)
@@ -200,24 +211,32 @@ def run_experiment(
         chunks.append(rows)
         if int(loop.termination):
             termination_reason = _termination_reason(experiment, rows, loop)
+        uncertainty.add(done, rows)
         done = end_tick
         wall_time["simulation"] += time.perf_counter() - start_time
         on_chunk(rows)
-        start_time = time.perf_counter()
-        if not termination_reason and model_updates.run(done, done < ticks, loop):
-            controller = dataclasses.replace(experiment.controller, residual_model=model_updates.model)
-            setup = dataclasses.replace(setup, controller=controller)
+        start_time, interval = time.perf_counter(), model_updates.interval
+        changed = not termination_reason and model_updates.run(done, done < ticks, loop)
         wall_time["fit"] += time.perf_counter() - start_time
+        if changed:
+            start_time = time.perf_counter()
+            uncertainty.evaluate(interval)
+            wall_time["error_bounds"] += time.perf_counter() - start_time
+            controller = dataclasses.replace(experiment.controller, residual_model=model_updates.interval.model)
+            setup = dataclasses.replace(setup, controller=controller)
         progress(done * dt)
-    rows, start_time = jax.tree.map(lambda *x: np.concatenate(x), *chunks), time.perf_counter()
-    uncertainty = _evaluate_uncertainty(experiment, model_updates.intervals, rows)
+    start_time = time.perf_counter()
+    uncertainty.evaluate(model_updates.interval)
+    found = uncertainty.result()
+    wall_time["error_bounds"] += time.perf_counter() - start_time
     return FlightResult(
-        records=rows,
-        uncertainty=uncertainty,
+        records=jax.tree.map(lambda *x: np.concatenate(x), *chunks),
+        uncertainty=found,
         updates=tuple(model_updates.activated),
         termination_reason=termination_reason,
-        model_intervals=tuple(model_updates.intervals),
-        wall_time=wall_time | {"error_bounds": time.perf_counter() - start_time},
+        model=model_updates.interval.model,
+        bands=model_updates.interval.bands,
+        wall_time=wall_time,
         learning_warnings=model_updates.warnings(),
     )
 
@@ -225,17 +244,15 @@ def run_experiment(
 class _ModelUpdates:
     """Schedule of the model updates of one flight, the model in use and the update that is not yet active."""
 
-    def __init__(self, experiment: Experiment[World]) -> None:
+    def __init__(self, experiment: Experiment[World], on_model: Callable[[ModelInterval], None]) -> None:
         """Start with the initial residual model of the controller."""
-        self.experiment = experiment
+        self.experiment, self.on_model = experiment, on_model
         self.learner = OnlineLearner(experiment.fit_options, experiment.identification, experiment.online_updates)
         self.due = _update_ticks(experiment)
-        self.model = experiment.controller.residual_model
         self.pending: tuple[int, residual_model.ResidualModel, ModelUpdate] | None = None
         self.activated: list[ModelUpdate] = []
         self.omitted: list[float] = []  # s, update times at which the previous update was not finished
-        bands = confidence_bounds.confidence_bands(self.model, experiment.bound_assumptions, 1)
-        self.intervals = [ModelInterval(start_tick=0, model=self.model, bands=bands)]
+        self.interval = self._begin(0, experiment.controller.residual_model)
 
     def event_ticks(self, done: int) -> list[int]:
         """Return the ticks after `done` at which an update is due or becomes active."""
@@ -256,12 +273,14 @@ class _ModelUpdates:
         is_due, changed = done in self.due and continues, False
         while True:
             if self.pending and self.pending[0] <= done:
-                (_, self.model, update), self.pending = self.pending, None
-                self._record_activation(done, update)
+                (_, model, update), self.pending = self.pending, None
+                self.interval = self._begin(done, model)
+                self.activated.append(dataclasses.replace(update, activation_time=done * dt))
                 changed = True
             elif is_due and self.pending is None:
                 is_due = False
-                model, update = self.learner.update(self.model, loop.controller.recorder, done * dt, fit=self.due[done])
+                before, samples = self.interval.model, loop.controller.recorder
+                model, update = self.learner.update(before, samples, done * dt, fit=self.due[done])
                 latency = self.experiment.fit_latency
                 latency = time.perf_counter() - start_time if latency is None else latency
                 self.pending = done + round(latency / dt), model, update
@@ -271,15 +290,19 @@ class _ModelUpdates:
             self.omitted.append(done * dt)
         return changed
 
-    def _record_activation(self, done: int, update: ModelUpdate) -> None:
-        """Record that the model of an update is in use from this tick on."""
-        bands = confidence_bounds.confidence_bands(
-            self.model, self.experiment.bound_assumptions, len(self.activated) + 1
+    def _begin(self, done: int, model: residual_model.ResidualModel) -> ModelInterval:
+        """Return the interval of a model that is in use from this tick on.
+
+        The learner starts no update before the model of the previous one is in use, so its mean uncertainties are those
+        of this model.
+        """
+        assumptions, index = self.experiment.bound_assumptions, len(self.activated) + 1
+        bands = confidence_bounds.confidence_bands(model, assumptions, index)
+        interval = ModelInterval(
+            start_tick=done, model=model, bands=bands, mean_uncertainties=self.learner.mean_uncertainties
         )
-        self.intervals.append(
-            ModelInterval(start_tick=done, model=self.model, bands=bands, mean_uncertainties=update.mean_uncertainties)
-        )
-        self.activated.append(dataclasses.replace(update, activation_time=done * self.experiment.dt))
+        self.on_model(interval)
+        return interval
 
     def warnings(self) -> tuple[str, ...]:
         """Describe updates that failed, were omitted or were not finished, one sentence each."""
@@ -306,29 +329,42 @@ def _update_ticks(experiment: Experiment[World]) -> dict[int, bool]:
     return {tick: tick in fits for tick in sorted(fits | online)}
 
 
-def _evaluate_uncertainty(
-    experiment: Experiment[World], model_intervals: Sequence[ModelInterval], rows: StepRecord
-) -> PredictionUncertainty:
-    """Evaluate standard deviations and error bounds at the true states of a flight, at a lower rate."""
-    stride = max(1, round(UNCERTAINTY_PERIOD / experiment.dt))
-    sparse = jax.tree.map(lambda x: x[::stride], rows)
-    x, agents = model_inputs(experiment.world.team, sparse)
-    a = sparse.a_L - np.concatenate([np.asarray(experiment.controller.team.gravity), np.zeros(3)])
-    x = np.concatenate([x, a], axis=1)
-    found = prediction_uncertainty.evaluate_along(
-        experiment.controller.team, model_intervals, stride, experiment.label_biases, np.asarray(sparse.t), x, agents
-    )
-    forces = getattr(experiment.controller.estimator, "contact_forces", None)
-    if not isinstance(forces, ResidualPriorEstimator):
-        return found
-    # Labels contain the errors of the prior besides the biases of accelerometers. ``A P A^T <= S`` bounds the errors of
-    # the agents; those of the payload have the covariance ``G P G^T`` of the mismatch.
-    stds = (np.sqrt(np.diag(np.linalg.inv(information))) for information in forces.agent_information)
-    return dataclasses.replace(
-        found,
-        payload_label_bias=np.hypot(found.payload_label_bias, np.asarray(sparse.delta_W_std)),
-        agent_label_bias=tuple(np.hypot(x, std) for x, std in zip(found.agent_label_bias, stds, strict=True)),
-    )
+class _Uncertainty:
+    """Standard deviations and error bounds at the true states of a flight, at a lower rate."""
+
+    def __init__(self, experiment: Experiment[World]) -> None:
+        """Start without states."""
+        self.experiment = experiment
+        self.stride = max(1, round(UNCERTAINTY_PERIOD / experiment.dt))
+        self.along = UncertaintyAlongRun(experiment.controller.team, experiment.label_biases)
+        self.mismatch_std: list[np.ndarray] = []  # of the estimated wrench mismatch
+
+    def add(self, first_tick: int, rows: StepRecord) -> None:
+        """Add the states of the records from a tick on."""
+        sparse = jax.tree.map(lambda x: x[-first_tick % self.stride :: self.stride].copy(), rows)
+        x, agents = model_inputs(self.experiment.world.team, sparse)
+        gravity = np.concatenate([np.asarray(self.experiment.controller.team.gravity), np.zeros(3)])
+        self.along.add(sparse.t, np.concatenate([x, sparse.a_L - gravity], axis=1), agents)
+        if sparse.delta_W_std is not None:
+            self.mismatch_std.append(sparse.delta_W_std)
+
+    def evaluate(self, interval: ModelInterval) -> None:
+        """Evaluate the states since the last call, at which the model of an interval was in use."""
+        self.along.evaluate(interval.model, interval.bands, interval.mean_uncertainties)
+
+    def result(self) -> PredictionUncertainty:
+        """Return standard deviations and error bounds at all states."""
+        found, forces = self.along.result(), getattr(self.experiment.controller.estimator, "contact_forces", None)
+        if not isinstance(forces, ResidualPriorEstimator):
+            return found
+        # Labels contain the errors of the prior besides the biases of accelerometers. ``A P A^T <= S`` bounds the
+        # errors of the agents; those of the payload have the covariance ``G P G^T`` of the mismatch.
+        stds = (np.sqrt(np.diag(np.linalg.inv(information))) for information in forces.agent_information)
+        return dataclasses.replace(
+            found,
+            payload_label_bias=np.hypot(found.payload_label_bias, np.concatenate(self.mismatch_std)),
+            agent_label_bias=tuple(np.hypot(x, std) for x, std in zip(found.agent_label_bias, stds, strict=True)),
+        )
 
 
 def _termination_reason(experiment: Experiment[World], rows: StepRecord, loop: LoopState) -> str:

@@ -20,7 +20,7 @@ from colift.certification import (
     nominal_run,
 )
 from colift.closed_loop import linearization
-from colift.closed_loop.flight import Experiment, FlightResult, run_experiment
+from colift.closed_loop.flight import Experiment, FlightResult, ModelInterval, run_experiment
 from colift.runtime import atomic_write
 from colift.runtime.run_directory import RunDirectory
 from colift.scenario import Scenario, experiment, initial_states
@@ -88,9 +88,10 @@ def certify(
             f"no certificate: the closed loop is unstable at rest: a mode has the rate {growth_rate:+.3g} 1/s"
         )
     progress("simulation")
-    flight = run_experiment(c3_experiment)
+    schedule: list[ModelInterval] = []
+    flight = run_experiment(c3_experiment, on_model=schedule.append)
     progress("nominal trajectory and linearization of the closed loop along it")
-    loop = nominal_run.nominal_trajectory(c3_experiment, flight)
+    loop = nominal_run.nominal_trajectory(c3_experiment, flight, schedule)
     found = certificate.certify(c3_experiment, flight, loop, names, progress)
     return CertificationResult(
         experiment=c3_experiment,

@@ -196,7 +196,9 @@ def _residual_trial(name: str, result: CertificationResult, L: Matrix, seed: int
     bounds = found.ultimate_bounds["recovery" if "recovery" in found.ultimate_bounds else "energy"].a_priori
     try:
         records, _ = linearized_trajectory.simulate_nominal(
-            nominal_run.nominal_experiment(result.experiment, forces), result.flight.model_intervals, seed=seed
+            nominal_run.nominal_experiment(result.experiment, forces),
+            result.nominal_linearization.model_schedule,
+            seed=seed,
         )
     except linearized_trajectory.TerminatedEarly as error:
         ended = dict.fromkeys(ERRORS, math.inf) if np.isfinite(list(bounds.values())).all() else {}

@@ -16,7 +16,7 @@ from colift.closed_loop import log
 from colift.closed_loop.flight import FlightResult
 from colift.closed_loop.signals import StepRecord
 from colift.models.parameters import Team
-from colift.onboard.learning import confidence_bounds, prediction_uncertainty
+from colift.onboard.learning import confidence_bounds
 from colift.scenario import team
 from tests.support import paper_flights as paper
 from tests.support import random_logs as flights
@@ -42,13 +42,13 @@ def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> Fligh
     bands = confidence_bounds.ConfidenceBands(
         bound_posterior=model, payload_beta=jnp.arange(6.0), agent_beta=tuple(jnp.asarray(b) for b in beta)
     )
-    held = prediction_uncertainty.ModelInterval(start_tick=0, model=model, bands=bands)
     return FlightResult(
         records=made,
         uncertainty=flights.sigma(rng, shape),
         updates=(),
         termination_reason="",
-        model_intervals=(held,),
+        model=model,
+        bands=bands,
         wall_time={},
     )
 

@@ -307,20 +307,20 @@ def test_contradictory_data_certify_nothing():
 
 
 def test_flights_without_certificate_are_refused():
-    other_experiment, flight = made().experiment, made().flight
+    other_experiment, flight, schedule = made().experiment, made().flight, made().nominal_linearization.model_schedule
     with pytest.raises(ValueError, match="no certificate: the flight stopped: signal p"):
         nominal_run.nominal_trajectory(
-            other_experiment, dataclasses.replace(flight, termination_reason="signal p is not finite")
+            other_experiment, dataclasses.replace(flight, termination_reason="signal p is not finite"), schedule
         )
     with pytest.raises(ValueError, match="no certificate: the flight has no model update"):
-        nominal_run.nominal_trajectory(other_experiment, dataclasses.replace(flight, updates=()))
+        nominal_run.nominal_trajectory(other_experiment, dataclasses.replace(flight, updates=()), schedule)
     other_experiment, flight = late().experiment, late().flight
     near = dataclasses.replace(
         other_experiment,
         termination_limits=dataclasses.replace(other_experiment.termination_limits, max_distance=jnp.asarray(1e-4)),
     )
     with pytest.raises(ValueError, match=r"no certificate: the nominal trajectory ended at t = .* s: distance"):
-        nominal_run.nominal_trajectory(near, flight)
+        nominal_run.nominal_trajectory(near, flight, late().nominal_linearization.model_schedule)
 
 
 def test_conservatism_decreases_step_by_step():

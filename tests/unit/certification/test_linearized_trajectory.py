@@ -29,7 +29,9 @@ def test_run_with_stored_models_repeats_the_flight():
     """The flight's models at their times repeat it without updates; only unused label states differ."""
     of = made()
     nominal_experiment = dataclasses.replace(of.experiment, update_times=())
-    rows, loops = linearized_trajectory.simulate_nominal(nominal_experiment, of.flight.model_intervals, [0, 1000])
+    rows, loops = linearized_trajectory.simulate_nominal(
+        nominal_experiment, of.nominal_linearization.model_schedule, [0, 1000]
+    )
     for name in ("e_p", "e_omega", "u", "lam", "f_L_hat", "f_x_hat", "tau_r"):
         np.testing.assert_array_equal(getattr(rows, name), getattr(of.flight.records, name), err_msg=name)
     assert [int(loop.tick) for loop in loops] == [0, 1000]
@@ -74,7 +76,9 @@ def test_other_states_of_the_loop_have_no_effect():
         nominal_run.nominal_experiment(of.experiment, of.flight.model), duration=8.0
     )
     nodes = np.array([1500])
-    rows, (loop,) = linearized_trajectory.simulate_nominal(nominal_experiment, of.flight.model_intervals, nodes)
+    rows, (loop,) = linearized_trajectory.simulate_nominal(
+        nominal_experiment, of.nominal_linearization.model_schedule, nodes
+    )
     setup = dataclasses.replace(
         nominal_experiment.loop_config,
         controller=dataclasses.replace(nominal_experiment.controller, residual_model=of.flight.model),
@@ -109,7 +113,7 @@ def test_noise_response_has_the_predicted_std():
         ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
     )
     sensors = dataclasses.replace(of.experiment.world.sensors, **noisy)
-    schedule = of.flight.model_intervals
+    schedule = of.nominal_linearization.model_schedule
     nominal_experiment = with_world(nominal_run.nominal_experiment(of.experiment, of.flight.model), sensors=sensors)
     loop = linearized_trajectory.linearize_along(nominal_experiment, schedule, with_noise=True)
     np.testing.assert_array_equal(loop.records.p, of.nominal_linearization.records.p)
@@ -119,7 +123,7 @@ def test_noise_response_has_the_predicted_std():
     )
     flown = [flight.run_experiment(dataclasses.replace(nominal_experiment, seed=seed)).records for seed in range(3)]
     alone, _ = linearized_trajectory.simulate_nominal(
-        nominal_experiment, [dataclasses.replace(of.flight.model_intervals[-1], start_tick=0)]
+        nominal_experiment, [dataclasses.replace(of.nominal_linearization.model_schedule[-1], start_tick=0)]
     )
     for name in certificate.ERRORS:
         predicted = linearized_trajectory.noise_std(loop, loop.output_rows(name))[loop.t > 5]
@@ -138,7 +142,7 @@ def test_terminated_nominal_trajectory_is_refused():
     with pytest.raises(
         linearized_trajectory.TerminatedEarly, match=r"the nominal trajectory ended at t = .* s: distance"
     ):
-        linearized_trajectory.simulate_nominal(near, of.flight.model_intervals)
+        linearized_trajectory.simulate_nominal(near, of.nominal_linearization.model_schedule)
 
 
 # Comparison with the recursion ----------------------------------------------------------------------------------------

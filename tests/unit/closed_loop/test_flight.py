@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
+import weakref
 from typing import Any
 
 import jax
@@ -208,6 +209,22 @@ def test_fit_that_ends_at_next_update_allows_that_update():
     flight = run_experiment(of)
     assert [update.activation_time for update in flight.updates] == pytest.approx([0.8, 1.1])
     assert not flight.learning_warnings
+
+
+def test_replaced_models_leave_memory():
+    of = dataclasses.replace(paper_experiment("C3"), duration=1.2, update_times=(0.5, 0.7, 0.9), fit_options=None)
+    ticks, models, alive = [], [], []
+
+    def observe(interval):
+        alive.append(sum(model() is not None for model in models))
+        ticks.append(interval.start_tick)
+        models.append(weakref.ref(interval.model))
+
+    flight = run_experiment(of, on_model=observe)
+    assert ticks == [0, 250, 350, 450]
+    assert alive == [0, 1, 2, 2]  # the initial model, which the experiment contains, and the replaced one
+    assert models[-1]() is flight.model
+    assert [model() is None for model in models] == [False, True, True, False]
 
 
 def test_unfinished_fit_at_the_end_is_reported():

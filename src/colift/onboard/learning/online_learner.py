@@ -81,8 +81,8 @@ class ModelUpdate:
         num_samples: Number of samples of the payload, and of all agents together.
         fits: Last hyperparameter fits by body.
         theta: Inertial parameters (10,) of the model.
+        update_index: Index of the model, as in `ResidualModel`; the previous one if no model was computed.
         change_points: Bodies with a new change point.
-        mean_uncertainties: Mean uncertainties by body.
         error_message: Reason for which the previous model stays in use; empty if the update succeeded.
     """
 
@@ -91,8 +91,8 @@ class ModelUpdate:
     num_samples: dict[str, int]
     fits: model_update.Fits
     theta: np.ndarray
+    update_index: int
     change_points: tuple[features.BodyKey, ...] = ()
-    mean_uncertainties: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
     error_message: str = ""
 
 
@@ -182,8 +182,8 @@ class OnlineLearner:
             num_samples=num_samples,
             fits=self.fits,
             theta=np.asarray(model.inertial_parameters),
+            update_index=int(model.update_index),
             change_points=changed,
-            mean_uncertainties=self.mean_uncertainties,
             error_message=error_message,
         )
         return model, update

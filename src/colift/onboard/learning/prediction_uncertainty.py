@@ -102,72 +102,93 @@ class LabelBiasModel:
     agents: BiasModel = BiasModel()
 
 
-@dataclasses.dataclass(frozen=True)
-class ModelInterval:
-    """Residual model with its error bounds, in use from one tick until the next interval.
+class UncertaintyAlongRun:
+    """Standard deviations and error bounds along a run, evaluated model by model in the order of use.
 
-    Attributes:
-        start_tick: Index of the first control period.
-        model: Residual model.
-        bands: Error bounds of the model.
-        mean_uncertainties: Mean uncertainties of the model, by body.
+    States are added as the run proceeds. Before a residual model is replaced, `evaluate` is called with it, so that no
+    earlier model has to be kept.
+
+    Example:
+        ::
+
+            along = UncertaintyAlongRun(team, biases)
+            along.add(t, x, agents)
+            along.evaluate(model, bands, {})
+            uncertainty = along.result()
     """
 
-    start_tick: int
-    model: residual_model.ResidualModel
-    bands: confidence_bounds.ConfidenceBands
-    mean_uncertainties: semiparametric.MeanUncertainties = dataclasses.field(default_factory=dict)
+    def __init__(self, team: Team, biases: LabelBiasModel) -> None:
+        """Start without states.
+
+        Args:
+            team: Nominal parameters.
+            biases: Biases of the sensors.
+        """
+        self._team, self._biases = team, biases
+        self._states: list[tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]] = []
+        self._blocks: list[tuple[Any, ...]] = []
+        self._num_evaluated = 0  # entries of `_states`
+
+    def add(self, t: np.ndarray, x: np.ndarray, agents: Sequence[np.ndarray]) -> None:
+        """Add true states of the run.
+
+        Args:
+            t: Times of the states [s].
+            x: Payload inputs, time first.
+            agents: Agent inputs by group, time first.
+        """
+        if len(t):
+            self._states.append((t, x, tuple(agents)))
+
+    def evaluate(
+        self,
+        model: residual_model.ResidualModel,
+        bands: confidence_bounds.ConfidenceBands,
+        mean_uncertainties: semiparametric.MeanUncertainties,
+    ) -> None:
+        """Evaluate all states since the last call.
+
+        Args:
+            model: Residual model in use at these states.
+            bands: Error bounds of the model.
+            mean_uncertainties: Mean uncertainties of the model, by body.
+        """
+        states = self._states[self._num_evaluated :]
+        if not states:
+            return
+        self._num_evaluated = len(self._states)
+        _, x, agents = _concatenate(states)
+        if not _has_samples(model):  # the prior is equal at all states
+            prior = _evaluate_prior(_PriorKey(model, bands, x[:1], tuple(group[:1] for group in agents)))
+            self._blocks.append(jax.tree.map(lambda values: np.repeat(values, len(x), axis=0), prior))
+            return
+        for start in range(0, len(x), BATCH_STATES):
+            rows = slice(start, min(start + BATCH_STATES, len(x)))
+            inputs = [group[rows] for group in agents]
+            self._blocks.append(_evaluate_block(model, bands, mean_uncertainties, x[rows], inputs))
+
+    def result(self) -> PredictionUncertainty:
+        """Return standard deviations and error bounds at all states, which were evaluated before."""
+        team, biases, (t, x, agents) = self._team, self._biases, _concatenate(self._states)
+        payload_std, agent_std, payload_radius, agent_radius = _concatenate(self._blocks)
+        agent_label_bias = tuple(
+            _agent_label_bias(group, biases, t, inputs) for group, inputs in zip(team.agent_groups, agents, strict=True)
+        )
+        return PredictionUncertainty(
+            t=t,
+            payload_std=payload_std,
+            agent_std=agent_std,
+            payload_label_bias=payload_label_bias_std(team, biases, t),
+            agent_label_bias=agent_label_bias,
+            payload_radius=payload_radius,
+            agent_radius=agent_radius,
+            force_errors_to_payload=force_errors_to_payload(team, x[:, 6:15].reshape(-1, 3, 3)) ** 2,
+        )
 
 
-def evaluate_along(
-    team: Team,
-    model_intervals: Sequence[ModelInterval],
-    stride: int,
-    biases: LabelBiasModel,
-    t: np.ndarray,
-    x: np.ndarray,
-    agents: Sequence,
-) -> PredictionUncertainty:
-    """Evaluate standard deviations and error bounds at the true states of a run.
-
-    Args:
-        team: Nominal parameters.
-        model_intervals: Residual models in the order of their first tick.
-        stride: Number of control periods between two states.
-        biases: Biases of the sensors.
-        t: Times of the states [s].
-        x: Payload inputs, time first.
-        agents: Agent inputs by group, time first.
-
-    Returns:
-        Standard deviations and error bounds at the times.
-    """
-    first = [-(-interval.start_tick // stride) for interval in model_intervals] + [len(x)]
-    blocks = []
-    for interval, start, end in zip(model_intervals, first, first[1:], strict=False):
-        if end > start and not _has_samples(interval.model):  # the prior is equal at all states
-            rows = slice(start, start + 1)
-            key = _PriorKey(interval, x[rows], tuple(group[rows] for group in agents))
-            prior = _evaluate_prior(key)
-            blocks.append(jax.tree.map(lambda values, n=end - start: np.repeat(values, n, axis=0), prior))
-            continue
-        for block_start in range(start, end, BATCH_STATES):
-            rows = slice(block_start, min(block_start + BATCH_STATES, end))
-            blocks.append(_evaluate_block(interval, x[rows], [group[rows] for group in agents]))
-    payload_std, agent_std, payload_radius, agent_radius = jax.tree.map(lambda *parts: np.concatenate(parts), *blocks)
-    agent_label_bias = tuple(
-        _agent_label_bias(group, biases, t, inputs) for group, inputs in zip(team.agent_groups, agents, strict=True)
-    )
-    return PredictionUncertainty(
-        t=t,
-        payload_std=payload_std,
-        agent_std=agent_std,
-        payload_label_bias=payload_label_bias_std(team, biases, t),
-        agent_label_bias=agent_label_bias,
-        payload_radius=payload_radius,
-        agent_radius=agent_radius,
-        force_errors_to_payload=force_errors_to_payload(team, x[:, 6:15].reshape(-1, 3, 3)) ** 2,
-    )
+def _concatenate(parts: Sequence[tuple[Any, ...]]) -> tuple[Any, ...]:
+    """Concatenate the arrays of equal structures along the time."""
+    return jax.tree.map(lambda *arrays: np.concatenate(arrays), *parts)
 
 
 def _has_samples(model: residual_model.ResidualModel) -> bool:
@@ -179,14 +200,15 @@ def _has_samples(model: residual_model.ResidualModel) -> bool:
 class _PriorKey:
     """Prior with its bounds and any one state; equal if all arrays of prior and bounds are the same objects."""
 
-    interval: ModelInterval
+    model: residual_model.ResidualModel
+    bands: confidence_bounds.ConfidenceBands
     x: np.ndarray
     agents: tuple[np.ndarray, ...]
 
     @functools.cached_property
     def arrays(self) -> tuple[Any, list[int]]:
         """Structure of prior and bounds, and the identities of their arrays, which the key keeps alive."""
-        leaves, structure = jax.tree.flatten((self.interval.model, self.interval.bands))
+        leaves, structure = jax.tree.flatten((self.model, self.bands))
         return structure, [id(leaf) for leaf in leaves]
 
     def __hash__(self) -> int:
@@ -201,7 +223,7 @@ class _PriorKey:
 @functools.lru_cache(maxsize=2)
 def _evaluate_prior(key: _PriorKey) -> tuple[Any, ...]:
     """Evaluate a prior at one state; flights with the same prior share the result, which takes 25 ms."""
-    return _evaluate_block(key.interval, key.x, key.agents, states=1)
+    return _evaluate_block(key.model, key.bands, {}, key.x, key.agents, states=1)
 
 
 def _pad(inputs: np.ndarray, states: int = BATCH_STATES) -> Array:
@@ -222,17 +244,22 @@ def _agent_label_bias(
 
 
 def _evaluate_block(
-    interval: ModelInterval, x: np.ndarray, agents: Sequence[np.ndarray], states: int = BATCH_STATES
+    model: residual_model.ResidualModel,
+    bands: confidence_bounds.ConfidenceBands,
+    mean_uncertainties: semiparametric.MeanUncertainties,
+    x: np.ndarray,
+    agents: Sequence[np.ndarray],
+    states: int = BATCH_STATES,
 ) -> tuple[Any, ...]:
     """Evaluate standard deviations and error bounds of at most a number of states."""
-    n, model, bands = len(x), interval.model, interval.bands
+    n = len(x)
     padded, *padded_agents = (_pad(inputs, states) for inputs in (x, *agents))
     features = [model.features.agent(inputs) for inputs in padded_agents]
     payload = np.asarray(residual_model.payload_std(model, padded))
     agent_std = [
         np.array(residual_model.agent_std(group, inputs)) for group, inputs in zip(model.agents, features, strict=True)
     ]
-    for body, uncertainty in interval.mean_uncertainties.items():
+    for body, uncertainty in mean_uncertainties.items():
         if isinstance(body, str):
             Z = np.asarray(model.features.payload(padded))
             variance = semiparametric.mean_variance(
