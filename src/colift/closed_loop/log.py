@@ -209,11 +209,71 @@ def save(ds: xr.Dataset, path: str | Path) -> None:
         ds: Dataset of a flight.
         path: Path of the file; unchanged if writing fails with an OSError.
     """
-    # HDF5 writes to memory: its own error messages are long, and it leaves an incomplete file behind
-    buffer = io.BytesIO()
     encoding = {name: {"zlib": True, "shuffle": True, "complevel": 1} for name, x in ds.data_vars.items() if x.size}
-    ds.to_netcdf(buffer, engine="h5netcdf", encoding=encoding)
-    atomic_write.write_atomic(path, buffer.getvalue())
+    with atomic_write.open_atomic(path) as file:
+        target = _DeferredErrors(file.raw)
+        ds.to_netcdf(target, engine="h5netcdf", encoding=encoding)
+        target.raise_error()
+
+
+class _DeferredErrors(io.RawIOBase):
+    """File for HDF5, which can end the process by a signal if the disk is full.
+
+    After the first error the content is in memory, until `raise_error` is called.
+    """
+
+    def __init__(self, file: io.RawIOBase) -> None:
+        """Wrap an open file, which stays open."""
+        self._file: io.RawIOBase | io.BytesIO = file
+        self._error: OSError | None = None
+
+    def raise_error(self) -> None:
+        """Raise the first error of a change of the file, if there was one."""
+        if self._error is not None:
+            raise self._error
+
+    def _move_to_memory(self, error: OSError) -> None:
+        """Copy content and position of the file."""
+        position = self._file.tell()
+        self._file.seek(0)
+        self._file, self._error = io.BytesIO(self._file.read() or b""), error
+        self._file.seek(position)
+
+    def write(self, data: Any) -> int:
+        """Write all data at the current position."""
+        rest = memoryview(data).cast("B")
+        while rest:
+            try:
+                rest = rest[self._file.write(rest) :]
+            except OSError as error:
+                self._move_to_memory(error)
+        return memoryview(data).nbytes
+
+    def truncate(self, size: int | None = None) -> int:
+        """Change the size of the file."""
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self._move_to_memory(error)
+            return self._file.truncate(size)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into a buffer."""
+        return self._file.readinto(buffer) or 0
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Change the position."""
+        return self._file.seek(offset, whence)
+
+    def tell(self) -> int:
+        """Return the position."""
+        return self._file.tell()
+
+    def readable(self) -> bool:
+        """Return whether the file can be read."""
+        return True
+
+    writable = seekable = readable
 
 
 def load(path: str | Path) -> xr.Dataset:

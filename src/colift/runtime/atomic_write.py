@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import json
 import math
 import os
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +30,35 @@ def write_atomic(path: str | Path, content: bytes, *, after_interrupt: bool = Fa
     Raises:
         OSError: If the file cannot be written, with path and reason in one line; `path` is then unchanged.
     """
+    with open_atomic(path, after_interrupt=after_interrupt, new=new) as file:
+        file.write(content)
+
+
+@contextlib.contextmanager
+def open_atomic(path: str | Path, *, after_interrupt: bool = False, new: bool = False) -> Generator[io.BufferedRandom]:
+    """Open a file that replaces another one when the block ends without an error; see `write_atomic`.
+
+    Args:
+        path: File.
+        after_interrupt: Whether to write also after a request to terminate the process.
+        new: Whether to refuse a file that exists.
+
+    Yields:
+        The temporary file, for writing and reading.
+
+    Raises:
+        OSError: If the file cannot be written, with path and reason in one line; `path` is then unchanged.
+    """
     if not after_interrupt:
         signals.raise_if_interrupted()
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         try:
-            with temporary.open("wb") as file:
-                file.write(content)
+            with temporary.open("w+b") as file:
+                yield file
+                if not after_interrupt:
+                    signals.raise_if_interrupted()
                 file.flush()
                 os.fsync(file.fileno())
             if new:

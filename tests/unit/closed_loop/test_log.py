@@ -183,13 +183,14 @@ def test_unwritable_folder_gives_one_line(rng, tmp_path):
     assert names(tmp_path) == ["file"]
 
 
-def test_full_disk_keeps_the_earlier_file(rng, tmp_path):
+@pytest.mark.parametrize("free_bytes", [0, 100, 4096])
+def test_full_disk_keeps_the_earlier_file(rng, tmp_path, free_bytes):
     path = tmp_path / "C3.nc"
     path.write_bytes(b"before")
     ds = flights.dataset(rng)
     soft_limit, hard_limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard_limit))  # limit of the file size of this process
+    resource.setrlimit(resource.RLIMIT_FSIZE, (free_bytes, hard_limit))  # limit of the file size of this process
     try:
         with pytest.raises(OSError, match="cannot write") as caught:
             log.save(ds, path)
