@@ -10,9 +10,11 @@ See Also:
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Generic, Protocol, runtime_checkable
 
 import jax
@@ -20,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift.closed_loop import termination
+from colift.closed_loop.record_file import RecordFile
 from colift.closed_loop.signals import DERIVED_SIGNALS, StepRecord, delassus_matrix, model_inputs
 from colift.closed_loop.simulator import LoopConfig, LoopState, WorldT, monitored_values, reset, rollout
 from colift.models import grasp
@@ -132,7 +135,7 @@ class FlightResult:
     """Records of a simulated flight, its last residual model and the uncertainty of all models.
 
     Attributes:
-        records: Records of all ticks as NumPy arrays.
+        records: Records of all ticks as NumPy arrays, which are read from a temporary file on access.
         uncertainty: Standard deviations and error bounds along the flight, at a lower rate.
         updates: Model updates in the order of their activation.
         termination_reason: Violated limit, body and time; empty if the flight is complete.
@@ -166,6 +169,7 @@ def run_experiment(
     progress: Callable[[float], None] = lambda _t: None,
     on_chunk: Callable[[StepRecord], None] = lambda _rows: None,
     on_model: Callable[[ModelInterval], None] = lambda _interval: None,
+    record_path: Path | None = None,
 ) -> FlightResult:
     """Simulate a flight with its model updates.
 
@@ -177,6 +181,8 @@ def run_experiment(
         progress: Function called with the simulated time [s] after each chunk.
         on_chunk: Function called with the records of each chunk.
         on_model: Function called with each residual model when it comes into use; the flight keeps the last one only.
+        record_path: File for the records, for `record_file.read_records` if the process is killed; None for a temporary
+            file without name.
 
     Returns:
         The records, the last residual model and the uncertainty along the flight.
@@ -193,44 +199,46 @@ def run_experiment(
     chunk_ticks, ticks = ticks_per_chunk(experiment), round(experiment.duration / dt)
     model_updates, uncertainty = _ModelUpdates(experiment, on_model), _Uncertainty(experiment)
     key = jax.random.fold_in(jax.random.key(experiment.seed), 2)
-    chunks, wall_time = [], {"simulation": 0.0, "fit": 0.0, "error_bounds": 0.0}
+    wall_time = {"simulation": 0.0, "fit": 0.0, "error_bounds": 0.0}
     loop = reset(setup, experiment.initial_state)
     done, termination_reason = 0, ""
     progress(0.0)
-    while done < ticks and not termination_reason:
-        signals.raise_if_interrupted()
-        chunk_start = done - done % chunk_ticks  # noise is drawn for whole chunks, so that updates do not change it
-        chunk_end = min(chunk_start + chunk_ticks, ticks, *model_updates.event_ticks(done))
-        start_time = time.perf_counter()
-        noise = draw_noise(experiment.world, jax.random.fold_in(key, chunk_start), chunk_ticks)
-        if done > chunk_start:
-            noise = jax.tree.map(lambda x, offset=done - chunk_start: jnp.roll(x, -offset, axis=0), noise)
-        loop, rows = rollout(setup, loop, noise, jnp.asarray(chunk_end - done))
-        end_tick = int(loop.tick)
-        rows = jax.tree.map(lambda x, n=end_tick - done: np.asarray(x)[:n], rows)
-        chunks.append(rows)
-        if int(loop.termination):
-            termination_reason = _termination_reason(experiment, rows, loop)
-        uncertainty.add(done, rows)
-        done = end_tick
-        wall_time["simulation"] += time.perf_counter() - start_time
-        on_chunk(rows)
-        start_time, interval = time.perf_counter(), model_updates.interval
-        changed = not termination_reason and model_updates.run(done, done < ticks, loop)
-        wall_time["fit"] += time.perf_counter() - start_time
-        if changed:
+    with contextlib.closing(RecordFile(ticks, record_path)) as file:
+        while done < ticks and not termination_reason:
+            signals.raise_if_interrupted()
+            chunk_start = done - done % chunk_ticks  # noise is drawn for whole chunks, so that updates do not change it
+            chunk_end = min(chunk_start + chunk_ticks, ticks, *model_updates.event_ticks(done))
             start_time = time.perf_counter()
-            uncertainty.evaluate(interval)
-            wall_time["error_bounds"] += time.perf_counter() - start_time
-            controller = dataclasses.replace(experiment.controller, residual_model=model_updates.interval.model)
-            setup = dataclasses.replace(setup, controller=controller)
-        progress(done * dt)
+            noise = draw_noise(experiment.world, jax.random.fold_in(key, chunk_start), chunk_ticks)
+            if done > chunk_start:
+                noise = jax.tree.map(lambda x, offset=done - chunk_start: jnp.roll(x, -offset, axis=0), noise)
+            loop, rows = rollout(setup, loop, noise, jnp.asarray(chunk_end - done))
+            end_tick = int(loop.tick)
+            rows = jax.tree.map(lambda x, n=end_tick - done: np.asarray(x)[:n], rows)
+            file.append(rows)
+            if int(loop.termination):
+                termination_reason = _termination_reason(experiment, rows, loop)
+            uncertainty.add(done, rows)
+            done = end_tick
+            wall_time["simulation"] += time.perf_counter() - start_time
+            on_chunk(rows)
+            start_time, interval = time.perf_counter(), model_updates.interval
+            changed = not termination_reason and model_updates.run(done, done < ticks, loop)
+            wall_time["fit"] += time.perf_counter() - start_time
+            if changed:
+                start_time = time.perf_counter()
+                uncertainty.evaluate(interval)
+                wall_time["error_bounds"] += time.perf_counter() - start_time
+                controller = dataclasses.replace(experiment.controller, residual_model=model_updates.interval.model)
+                setup = dataclasses.replace(setup, controller=controller)
+            progress(done * dt)
+        records = file.read()
     start_time = time.perf_counter()
     uncertainty.evaluate(model_updates.interval)
     found = uncertainty.result()
     wall_time["error_bounds"] += time.perf_counter() - start_time
     return FlightResult(
-        records=jax.tree.map(lambda *x: np.concatenate(x), *chunks),
+        records=records,
         uncertainty=found,
         updates=tuple(model_updates.activated),
         termination_reason=termination_reason,

@@ -227,7 +227,10 @@ def make_experiment(scenario: Scenario, case: str = "C3") -> Experiment:
 
 
 def run_experiment(
-    experiment: Experiment, progress: bool | Callable[[float], None] = False, duration: float | None = None
+    experiment: Experiment,
+    progress: bool | Callable[[float], None] = False,
+    duration: float | None = None,
+    record_path: str | Path | None = None,
 ) -> Flight:
     """Simulate the flight of an experiment.
 
@@ -235,6 +238,8 @@ def run_experiment(
         experiment: Experiment from `make_experiment`.
         progress: Whether to show a progress bar with the time left, or a function called with the simulated time [s].
         duration: Duration [s], if it differs from the experiment's.
+        record_path: File to which the records are written during the flight. If the process is killed,
+            `colift.closed_loop.record_file.read_records` reads the records until then.
 
     Returns:
         The flight. A flight that violated a termination limit states the reason in `termination_reason`.
@@ -246,7 +251,8 @@ def run_experiment(
         experiment = dataclasses.replace(experiment, duration=float(duration))
     part_checks.check_parts(experiment)
     with _progress(progress, experiment.case, experiment.duration) as report:
-        result = closed_loop_flight.run_experiment(experiment, report)
+        path = None if record_path is None else Path(record_path)
+        result = closed_loop_flight.run_experiment(experiment, report, record_path=path)
     return _extend(Flight, result, experiment=experiment)
 
 

@@ -112,10 +112,12 @@ def run_study(
     data, fits = {}, {}
     first = next(iter(experiments.values()))
     for case, experiment in experiments.items():
-        flight = run_experiment(experiment, lambda t, case=case: progress(case, t))
+        records = out.path / f"{case}.rows"  # remains if the process is killed
+        flight = run_experiment(experiment, lambda t, case=case: progress(case, t), record_path=records)
         start = time.perf_counter()
         data[case] = flight_dataset(settings, case, flight, experiment, out.run_id)
         log.save(data[case], out.path / f"{case}.nc")
+        records.unlink(missing_ok=True)
         found = flight_metrics(settings, flight, experiment, data[case])
         found["wall_time_s"] = {**flight.wall_time, "output": time.perf_counter() - start}
         summary["cases"][case] = found
