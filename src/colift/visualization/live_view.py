@@ -59,14 +59,12 @@ def serve_live_flight(
     Yields:
         The result of the simulation.
     """
-    chunks, stream = [], EventStream()
-    encoder = _FrameEncoder(settings, experiment, case)
+    encoder, stream = _FrameEncoder(settings, experiment, case), EventStream()
 
     def publish_chunk(rows: signals.StepRecord) -> None:
-        chunks.append(rows)
-        ds = encoder.dataset(jax.tree.map(lambda *parts: np.concatenate(parts), *chunks), _no_uncertainty(experiment))
-        stream.publish(encoder.event(ds))
-        if len(chunks) == 1:
+        is_first, ds = encoder.num_sent == 0, encoder.dataset(rows, _no_uncertainty(experiment))
+        stream.publish(encoder.event(ds, round(float(rows.t[0]) / experiment.dt)))
+        if is_first:
             on_ready(resources.enter_context(_serve(encoder.page(ds, description).encode(), stream)))
 
     with contextlib.ExitStack() as resources:
@@ -86,6 +84,7 @@ class _FrameEncoder:
         ticks, step = round(experiment.duration / experiment.dt), scene.stride(experiment.dt)
         self.ticks = np.unique([*range(0, ticks, step), ticks - 1])
         self.batch_size = ticks_per_chunk(experiment) // step + 2  # constant, so that JAX compiles one program
+        self.markers: dict[str, Any] = {}  # events of the flight until now
 
     def dataset(
         self, rows: signals.StepRecord, sigma: prediction_uncertainty.PredictionUncertainty, reason: str = ""
@@ -106,22 +105,29 @@ class _FrameEncoder:
         labels = dict(zip(("agents", "joints", "contacts"), names, strict=True))
         return log.dataset(rows, team=self.team, sigma=sigma, attrs=attrs, **labels)
 
-    def event(self, ds: xr.Dataset) -> dict[str, Any]:
-        """Return the frames since the previous event, and the events of the flight until now."""
-        until = int(np.searchsorted(self.ticks, scene.frame_rows(ds)[-1], side="right"))
+    def event(self, ds: xr.Dataset, first_tick: int = 0) -> dict[str, Any]:
+        """Return the frames since the previous event, and the events of the flight until now.
+
+        Args:
+            ds: Log of all control periods, or of those since the previous event.
+            first_tick: Index of its first control period.
+        """
+        until = int(np.searchsorted(self.ticks, first_tick + scene.frame_rows(ds)[-1], side="right"))
         new_ticks = self.ticks[self.num_sent : until]
         tracks, first = {}, self.num_sent
         for start in range(0, len(new_ticks), self.batch_size):
             batch = new_ticks[start : start + self.batch_size]
-            rows = ds.isel(time=np.pad(batch, (0, self.batch_size - len(batch)), mode="edge"))
+            rows = ds.isel(time=np.pad(batch - first_tick, (0, self.batch_size - len(batch)), mode="edge"))
             for name, x in (scene.poses(rows, self.team) | scene.error_signals(rows)).items():
                 tracks.setdefault(name, []).append(x[: len(batch)])
         self.num_sent = until
+        markers = scene.event_markers(ds, self.settings.faults)
+        self.markers = markers if first_tick == 0 else scene.join_markers(self.markers, markers)
         return {
             "from": first,
             "known": until,
             "tracks": {name: playback.encode_array(np.concatenate(parts)) for name, parts in tracks.items()},
-            "marks": scene.event_markers(ds, self.settings.faults),
+            "marks": self.markers,
             "stopped": str(ds.attrs["termination_reason"]),
         }
 

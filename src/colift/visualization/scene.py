@@ -259,6 +259,30 @@ def event_markers(ds: xr.Dataset, faults: Sequence[Fault] = ()) -> dict[str, Any
     }
 
 
+def join_markers(earlier: dict[str, Any], later: dict[str, Any]) -> dict[str, Any]:
+    """Return the events of a flight from those of two consecutive parts.
+
+    Args:
+        earlier: Result of `event_markers` for the flight until the later part.
+        later: Result of `event_markers` for the later part.
+
+    Returns:
+        Events of both parts; the later part contains all updates and faults until its end.
+    """
+    at_limit = {
+        name: _join_spans(earlier["at_limit"].get(name, []), later["at_limit"].get(name, []))
+        for name in (earlier["at_limit"] | later["at_limit"])
+    }
+    return later | {"internal": _join_spans(earlier["internal"], later["internal"]), "at_limit": at_limit}
+
+
+def _join_spans(earlier: list[list[float]], later: list[list[float]]) -> list[list[float]]:
+    """Return the spans of two consecutive parts; spans less than a frame apart are merged."""
+    if not (earlier and later) or later[0][0] - earlier[-1][1] > 1 / MAX_FRAME_RATE:
+        return [*earlier, *later]
+    return [*earlier[:-1], [earlier[-1][0], later[0][1]], *later[1:]]
+
+
 def _spans(t: np.ndarray, active: np.ndarray) -> list[list[float]]:
     """Return first and last time of each active span; spans less than a frame apart are merged."""
     times = t[active]

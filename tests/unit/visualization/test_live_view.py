@@ -209,6 +209,6 @@ def test_ctrl_c_ends_command_and_server(tmp_path):
             assert "default-src 'none'" in page.read().decode()
         process.send_signal(signal.SIGINT)
         _, messages = process.communicate(timeout=60)
-    assert (process.returncode, messages) == (130, "")
+    assert (process.returncode, messages) == (130, "interrupted\n")
     with pytest.raises(urllib.error.URLError):
         urllib.request.urlopen(address, timeout=5)

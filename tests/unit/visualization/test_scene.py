@@ -119,6 +119,16 @@ def test_event_markers_are_time_intervals():
     assert found["faults"] == []
 
 
+@pytest.mark.parametrize("cut", [90, 101, 105, 111, 500])
+def test_markers_of_two_parts_are_those_of_the_flight(cut):
+    ds = random_log(flights.PAPER._replace(time=1000)).assign_attrs(update_times_s=[0.5, 1.0], T_end_s=1.0)
+    ds.eta[:] = ds.eta * ((ds.time >= 0.2) & (ds.time <= 0.4))
+    ds.thrust_saturated[:] = False
+    ds.thrust_saturated[100:103, 1] = ds.thrust_saturated[110:112, 1] = ds.thrust_saturated[900, 0] = True
+    parts = (scene.event_markers(part) for part in (ds.isel(time=slice(cut)), ds.isel(time=slice(cut, None))))
+    assert scene.join_markers(*parts) == scene.event_markers(ds)
+
+
 def test_event_markers_name_the_faults_that_acted():
     ds = random_log(flights.PAPER._replace(time=500))
     given = small_team.faults(
