@@ -373,7 +373,7 @@ def _undisturbed_loop(
         exact = dataclasses.replace(experiment.controller, allocator=allocator.converged())
         experiment = dataclasses.replace(experiment, controller=exact)
     if isinstance(onboard := experiment.controller, LeaderFollowerController):
-        healthy = dataclasses.replace(onboard, command_link=None, effectiveness_filter=None)
+        healthy = dataclasses.replace(onboard, command_link=None, effectiveness_filter=None, contact_monitor=None)
         if isinstance(healthy.estimator, ComplementaryFilter):  # exact readings can repeat
             estimator = dataclasses.replace(healthy.estimator, detects_stuck_tips=False)
             healthy = dataclasses.replace(healthy, estimator=estimator)

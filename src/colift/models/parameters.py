@@ -12,10 +12,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree, static, transfer
+
+OPEN_COMPLIANCE = 1e12
+"""Compliance of an open contact [1/kg], in the unit of `A M^-1 A^T`: no force acts that changes a motion.
+
+Closed contacts have values of about 10 1/kg, so the force of an open contact is about 1e-11 of that of a closed one.
+"""
 
 
 @pytree
@@ -88,6 +95,11 @@ class AerialManipulator:
     thrust_max: Float[Array, "*agents"]  # N, maximum thrust
     contact_compliance: Float[Array, "*agents arms"] | None = None  # 1/kg, added to `A M^-1 A^T`; None: closed contacts
 
+    @property
+    def closed_contacts(self) -> Float[Array, "*agents arms"] | None:
+        """1 for closed and 0 for open contacts; None if no contact can open."""
+        return None if self.contact_compliance is None else (self.contact_compliance == 0).astype(float)
+
 
 @pytree
 class Payload:
@@ -109,6 +121,19 @@ class Team:
     def sizes(self) -> tuple[int, ...]:
         """Number of agents in each group."""
         return tuple(group.mass.shape[0] for group in self.agent_groups)
+
+    @property
+    def closed_contacts(self) -> Float[Array, "contacts"] | None:
+        """1 for closed and 0 for open contacts, in team order; None if no contact can open."""
+        if all(group.contact_compliance is None for group in self.agent_groups):
+            return None
+        closed = [group.closed_contacts for group in self.agent_groups]
+        return jnp.concatenate(
+            [
+                jnp.ones(group.contact_position.shape[:2]).reshape(-1) if part is None else part.reshape(-1)
+                for group, part in zip(self.agent_groups, closed, strict=True)
+            ]
+        )
 
     @property
     def contacts(self) -> int:

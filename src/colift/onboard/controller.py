@@ -35,6 +35,7 @@ from colift.models.state import (
 from colift.onboard.control import preview, tracking
 from colift.onboard.control.actuator_compensation import NoCompensation
 from colift.onboard.control.command_link import CommandLink, LeaderMessage
+from colift.onboard.estimation.contact_monitor import ContactMonitor
 from colift.onboard.estimation.effectiveness import EffectivenessFilter
 from colift.onboard.estimation.state_estimator import StateEstimate
 from colift.onboard.interfaces import (
@@ -142,6 +143,7 @@ class ControllerState:
             rad/s^2 payload frame]; None if the allocator has no limits.
         initialized: 0 before the first control period, 1 afterwards.
         effectiveness: State of the estimate of rotor effectiveness; None without one.
+        open_contacts: Contacts that have opened; None without their detection.
     """
 
     estimator: PartState
@@ -155,6 +157,7 @@ class ControllerState:
     last_shortfall: Float[Array, "6"] | None
     initialized: Scalar
     effectiveness: PartState = None
+    open_contacts: PartState = None
 
 
 @pytree
@@ -196,6 +199,8 @@ class LeaderFollowerController:
         residual_corrector: Estimator of the error of the residual model; None disables it.
         effectiveness_filter: Estimate of the rotor effectiveness of each agent, which limits its thrust and is
             compensated; None: all agents are assumed healthy.
+        contact_monitor: Detection of contacts that have opened, which the control law then does not use; None: all
+            contacts are assumed closed.
         command_link: Link that transmits the leader's commands to the agents; None if they arrive without delay.
         preview_step: Interval between the times at which the control law is evaluated on the reference [s], such as
             `colift.onboard.control.preview.PREVIEW_STEP`; None disables the preview.
@@ -221,6 +226,7 @@ class LeaderFollowerController:
     actuator_compensator: ActuatorCompensator = NoCompensation()
     residual_corrector: residual_correction.ResidualCorrector | None = None
     effectiveness_filter: EffectivenessFilter | None = None
+    contact_monitor: ContactMonitor | None = None
     command_link: CommandLink | None = None
     preview_step: Scalar | None = None
 
@@ -250,6 +256,7 @@ class LeaderFollowerController:
             last_shortfall=None,
             initialized=jnp.zeros(()),
             effectiveness=None if self.effectiveness_filter is None else self.effectiveness_filter.init(self.team),
+            open_contacts=None if self.contact_monitor is None else self.contact_monitor.init(self.team),
         )
         estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
         context = ControlContext(
@@ -302,10 +309,16 @@ class LeaderFollowerController:
         """
         applied = self.actuator_compensator.effective_command(state.actuator, state.last_command)
         health, effectiveness, team = self.effectiveness_filter, state.effectiveness, self.team
+        monitor, open_contacts = self.contact_monitor, state.open_contacts
+        if monitor is not None:
+            team = monitor.acting(open_contacts, team)
         acting = applied if health is None else health.acting(effectiveness, team, applied)
         estimate, estimator_state = self.estimator.update(
             team, state.estimator, measurement, acting, state.last_f_hat, clock
         )
+        if monitor is not None:
+            open_contacts = monitor.update(open_contacts, self.team, estimate, measurement, clock.t)
+            team = monitor.acting(open_contacts, self.team)
         setpoint = self.reference.evaluate(clock.t)
         context = ControlContext(
             team=team,
@@ -346,6 +359,7 @@ class LeaderFollowerController:
             last_shortfall=telemetry.shortfall,
             initialized=jnp.ones(()),
             effectiveness=effectiveness,
+            open_contacts=open_contacts,
         )
         return command, state, telemetry
 

@@ -106,6 +106,7 @@ def _free_flight(
         estimator=dataclasses.replace(estimator, contact_forces=contact_forces.FreeFlight()),
         agent_controller=agents,
         effectiveness_filter=None,
+        contact_monitor=None,
         command_link=None,
         preview_step=None,
         residual_model=dataclasses.replace(

@@ -35,7 +35,14 @@ from colift.onboard.control.allocation import (
     least_squares_allocation,
     squeeze,
 )
-from colift.onboard.estimation import contact_forces, effectiveness, label_noise, nav_filter, state_estimator
+from colift.onboard.estimation import (
+    contact_forces,
+    contact_monitor,
+    effectiveness,
+    label_noise,
+    nav_filter,
+    state_estimator,
+)
 from colift.onboard.learning import kalman_correction, label_filter, residual_correction, residual_predictors
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
@@ -214,11 +221,11 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     """
     allocation_map, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings, nominal)
-    health = None
+    health = monitor = None
     allocator: interfaces.Allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
     if isinstance(settings.allocation, schema.ConstrainedAllocation):
         allocator = _constrained(settings, nominal, allocator)
-        health = _effectiveness_filter(settings)
+        health, monitor = _effectiveness_filter(settings), _contact_monitor(settings, nominal)
     bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
@@ -254,6 +261,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         ),
         actuator_compensator=_drive(settings),
         effectiveness_filter=health,
+        contact_monitor=monitor,
         command_link=_command_link(settings, allocation_map),
         preview_step=None if preview_step is None else array(preview_step),
     )
@@ -273,6 +281,21 @@ def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.Effectiven
     if isinstance(settings.actuators, schema.LaggedMotors) and settings.actuators.rotors is not None:
         return None
     return effectiveness.EffectivenessFilter(residual_std=array(settings.learning.agents.signal_std.force_N))
+
+
+def _contact_monitor(settings: schema.Scenario, nominal: Team) -> contact_monitor.ContactMonitor | None:
+    """Return the detection of open contacts; None without agents with several arms, or without noisy tip sensors."""
+    given, arms = settings.sensors, max(group.tree.arms for group in nominal.agent_groups)
+    if arms < 2 or settings.contact_forces.kind != "tip_sensors" or given.tip_force_N == 0:
+        return None
+    noise = contact_monitor.ReadingNoise(
+        position=given.position_m,
+        attitude=float(np.deg2rad(given.attitude_deg)),
+        joint=float(np.deg2rad(given.joint_position_deg)),
+        tip_force=float(np.hypot(given.tip_force_N, given.tip_force_bias_N)),
+    )
+    posture, bandwidth = team_module.nominal_posture(settings), settings.control.complementary_filter_Hz
+    return contact_monitor.contact_monitor(nominal, posture, noise, bandwidth, 1 / settings.control_Hz)
 
 
 def _command_link(settings: schema.Scenario, allocation_map: AllocationMap) -> command_link.CommandLink | None:

@@ -16,18 +16,12 @@ from jaxtyping import Array, Bool, Float
 
 from colift.math.pytree import pytree, static
 from colift.models.measurement import Measurement
-from colift.models.parameters import Team
+from colift.models.parameters import OPEN_COMPLIANCE, Team
 from colift.models.state import AgentInput, ControlClock, TeamInputs
 from colift.simulation.actuators import RotorMixer
 from colift.simulation.sensors import SensedState, SensorModel
 
 Scalar = Float[Array, ""]
-
-OPEN_COMPLIANCE = 1e12
-"""Compliance of an open contact [1/kg], in the unit of `A M^-1 A^T`: no force acts that changes a motion.
-
-Closed contacts have values of about 10 1/kg, so the force of an open contact is about 1e-11 of that of a closed one.
-"""
 
 
 @pytree

@@ -15,6 +15,7 @@ from colift.onboard.control import allocation
 SQUARE = np.array([[0.5, 0.36, 0.05], [0.5, -0.36, 0.05], [-0.5, 0.36, 0.05], [-0.5, -0.36, 0.05]])
 seeds = st.integers(0, 10**6)
 apply = jax.jit(allocation.allocate)
+apply_to_closed = jax.jit(allocation.allocate_to_closed_contacts)
 
 
 def dense_G(c: np.ndarray, R: np.ndarray) -> np.ndarray:
@@ -73,6 +74,24 @@ def test_least_squares_allocation_has_minimal_norm(seed):
     # G depends on R, but |lam| does not: the pseudo-inverse at R is that at I, rotated
     expected = np.linalg.pinv(dense_G(c, R)) @ np.array([*W.F, *W.tau])
     np.testing.assert_allclose(np.ravel(lam), expected, atol=1e-11 * max(1.0, np.abs(expected).max()))
+
+
+@given(seed=seeds)
+def test_closed_contacts_apply_the_wrench_nearest_to_the_given_forces(seed):
+    """Oracle: the correction of least norm over the columns of the closed contacts."""
+    rng = np.random.default_rng(seed)
+    c, closed = np.concatenate([contacts(rng, 3), contacts(rng, 2)]), np.array([1.0, 1.0, 1.0, 0.0, rng.integers(2)])
+    R, given_lam = Rotation.random(random_state=rng).as_matrix(), rng.normal(size=(5, 3))
+    W = Wrench(F=jnp.array(10 * rng.normal(size=3)), tau=jnp.array(rng.normal(size=3)))
+    lam = np.asarray(apply_to_closed(jnp.array(c), jnp.array(closed), jnp.array(R), W, jnp.array(given_lam)))
+    G, kept = dense_G(c, R), np.repeat(closed > 0, 3)
+    rest = np.array([*W.F, *W.tau]) - G[:, kept] @ given_lam.ravel()[kept]
+    expected = given_lam.ravel() * kept
+    expected[kept] += np.linalg.pinv(G[:, kept]) @ rest
+    scale = np.linalg.cond(G[:, kept]) ** 2 * np.abs(expected).max()  # regularization of 1e-9 in the normal equations
+    np.testing.assert_allclose(lam.ravel(), expected, atol=1e-8 * scale)
+    everywhere = apply_to_closed(jnp.array(c), jnp.ones(5), jnp.array(R), W, jnp.array(given_lam))
+    np.testing.assert_array_equal(everywhere, given_lam)
 
 
 @pytest.mark.parametrize("kind", ["balanced", "leader_follower"])

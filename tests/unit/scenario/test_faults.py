@@ -62,7 +62,7 @@ def test_a_rotor_fault_reaches_the_world(to):
     np.testing.assert_array_equal(mixer.effectiveness, world.actuators.limits[0].effectiveness)
 
 
-def test_the_allocation_within_limits_estimates_effectiveness():
+def test_the_allocation_within_limits_estimates_effectiveness_and_detects_open_contacts():
     """Limits of single rotors would count as a loss."""
     for allocation, actuators, estimated in (
         ("constrained", {"kind": "ideal"}, True),
@@ -70,8 +70,9 @@ def test_the_allocation_within_limits_estimates_effectiveness():
         ("least_squares", {"kind": "ideal"}, False),
     ):
         settings = load(allocation={"kind": allocation}, actuators=actuators)
-        found = experiment.make_experiment(settings, "C1").controller.effectiveness_filter
-        assert (found is not None) == estimated
+        found = experiment.make_experiment(settings, "C1").controller
+        assert (found.effectiveness_filter is not None) == estimated
+        assert (found.contact_monitor is not None) == (allocation == "constrained")
 
 
 def test_a_rotor_fault_requires_rotors():

@@ -11,7 +11,7 @@ import pytest
 
 from colift.closed_loop import flight
 from colift.models import grasp
-from colift.models.parameters import Team
+from colift.models.parameters import OPEN_COMPLIANCE, Team
 from colift.models.state import AgentInput, zero_residual
 from colift.scenario import experiment
 from colift.simulation import actuators, contact_dynamics, faults
@@ -21,7 +21,7 @@ from tests.support import small_team as light
 DYNAMICS = jax.jit(contact_dynamics.forward_dynamics)
 
 
-def released(compliance: float = faults.OPEN_COMPLIANCE) -> Team:
+def released(compliance: float = OPEN_COMPLIANCE) -> Team:
     """Return the paper's team with an open contact of the first agent."""
     team = paper.paper_experiment("C1").world.team
     (group,) = team.agent_groups

@@ -15,12 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from colift.math import linalg
 from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.models.state import Wrench
 
 MAX_CONDITION = 1e8
 """Largest condition number of a grasp block; above it, unit wrenches require contact forces that no arm can apply."""
+RANK_REGULARIZATION = 1e-9
+"""Regularization of `G D G^T` relative to its trace; the forces of three contacts change by less than 1e-6 of them."""
 
 
 @pytree
@@ -49,6 +52,37 @@ def allocate(
     W_L = jnp.concatenate([R.T @ W.F, W.tau])
     lam = allocation.right_inverse @ W_L + allocation.nullspace @ eta + allocation.offset
     return lam.reshape(-1, 3) @ R.T
+
+
+def allocate_to_closed_contacts(
+    c: Float[Array, "contacts 3"],
+    closed: Float[Array, " contacts"],
+    R: Float[Array, "3 3"],
+    W: Wrench,
+    lam: Float[Array, "contacts 3"],
+) -> Float[Array, "contacts 3"]:
+    """Compute the contact forces nearest to given ones that apply a wrench without open contacts.
+
+    `lam_c = D (lam + G^T (G D G^T)^-1 (W - G D lam))`, with 1 for closed and 0 for open contacts on the diagonal of D.
+    `G D G^T` is regularized, so that a grasp of rank below 6 gives finite forces.
+
+    Args:
+        c: Contact points, one per row [m, payload frame].
+        closed: 1 for closed and 0 for open contacts.
+        R: Payload attitude, payload to world.
+        W: Payload wrench [N world, N m payload frame].
+        lam: Contact forces, which are returned if all contacts are closed [N, world].
+
+    Returns:
+        Contact forces on the payload [N, world].
+    """
+    G, share = grasp.grasp_matrix(c, R), jnp.repeat(closed, 3)
+    x = share * lam.reshape(-1)
+    A = linalg.matmul(share[None] * G, G.T)
+    A = A + RANK_REGULARIZATION * jnp.trace(A) * jnp.eye(6)
+    missing = jnp.concatenate([W.F, W.tau]) - linalg.matvec(G, x)
+    x = x + share * linalg.matvec(G.T, linalg.solve(A, missing[:, None])[:, 0])
+    return jnp.where((closed > 0).all(), lam, x.reshape(-1, 3))
 
 
 def least_squares_allocation(c: np.ndarray) -> AllocationMap:

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.pytree import pytree
-from colift.onboard.control.allocation import AllocationMap, allocate
+from colift.models import grasp
+from colift.onboard.control.allocation import AllocationMap, allocate, allocate_to_closed_contacts
 from colift.onboard.interfaces import AllocationDemand, ContactForceCommand, ControlContext, PartState
 from colift.trajectories import base
 
@@ -39,13 +40,17 @@ class LinearAllocator:
     def allocate(
         self, state: PartState, context: ControlContext, demand: AllocationDemand
     ) -> tuple[ContactForceCommand, PartState]:
-        """Compute `lam = G^+ W + Z eta + offset`; see `Allocator`. Its rate contains that of the wrench only."""
+        """Compute `lam = G^+ W + Z eta + offset`; see `Allocator`. Its rate contains that of the wrench only.
+
+        Open contacts have no force; the others then apply the wrench (`allocate_to_closed_contacts`).
+        """
         schedule, R = self.internal, context.estimate.payload.R
         eta = base.smooth_pulse(context.clock.t, schedule.start, schedule.end, schedule.ramp) * schedule.eta
         rate = dataclasses.replace(self.allocation, offset=jnp.zeros_like(self.allocation.offset))
-        forces = ContactForceCommand(
-            lam=allocate(self.allocation, R, demand.W, eta),
-            lam_dot=allocate(rate, R, demand.W_dot, jnp.zeros_like(eta)),
-            eta=eta,
-        )
-        return forces, state
+        lam = allocate(self.allocation, R, demand.W, eta)
+        lam_dot = allocate(rate, R, demand.W_dot, jnp.zeros_like(eta))
+        if (closed := context.team.closed_contacts) is not None:
+            c = grasp.contact_points(context.team)
+            lam = allocate_to_closed_contacts(c, closed, R, demand.W, lam)
+            lam_dot = allocate_to_closed_contacts(c, closed, R, demand.W_dot, lam_dot)
+        return ContactForceCommand(lam=lam, lam_dot=lam_dot, eta=eta), state

@@ -155,12 +155,15 @@ class ConstrainedAllocator:
     def _sets(self, context: ControlContext) -> cone_program.ConeSets:
         """Return the sets of thrusts and contact forces; the vertical is that of the payload frame."""
         most = jnp.concatenate([group.thrust_max for group in context.team.agent_groups])
+        maximum = self.contacts.maximum
+        if (closed := context.team.closed_contacts) is not None:
+            maximum = closed * maximum
         axis = jnp.broadcast_to(context.estimate.payload.R[2], (len(self.mass), 3))
         return cone_program.ConeSets(
             axis=jnp.concatenate([axis, self.contacts.axis]),
             tan=jnp.concatenate([jnp.broadcast_to(self.tan_tilt, most.shape), self.contacts.tan]),
             minimum=jnp.concatenate([self.min_thrust_share * most, self.contacts.minimum]),
-            maximum=jnp.concatenate([most, self.contacts.maximum]),
+            maximum=jnp.concatenate([most, maximum]),
         )
 
     def _report(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from colift.math import linalg, so3
-from colift.models import aerial_manipulator, inverse_dynamics
+from colift.models import aerial_manipulator, grasp, inverse_dynamics
 from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import AgentInput, AgentState, GeneralizedForce, PayloadState
 from colift.onboard.control.redundancy import (
@@ -16,6 +18,7 @@ from colift.onboard.control.redundancy import (
     is_redundant,
     motion_with_tip_constraint,
     posture_control,
+    tip_motion,
     uncontrolled_joint_acceleration,
 )
 from colift.onboard.control.setpoints import AgentSetpoint, AttitudeSetpoint
@@ -43,7 +46,9 @@ def agent_inputs(
     2. `omega_dot = -k_R e_R - k_w e_w`, plus the feedforward `R^T R_d omega_d_dot - w x R^T R_d omega_d` if the
        setpoint contains `omega_d_dot`.
     3. `(x_dd, r_dd)` keep the tips on a payload that accelerates by `(a, alpha)`. Uncontrolled joints yield to `f_hat`
-       (`uncontrolled_joint_acceleration`).
+       (`uncontrolled_joint_acceleration`). Tips of open contacts return to their point (`open_contact_feedback`); the
+       closed contacts bear what this motion requires across the thrust. Joints that move no closed contact have no
+       compensation of `f_hat`.
     4. `u = f_des . R e_3` with `f_des = m (x_dd - a_g) + sum lam - f_hat_x`; torques by inverse dynamics for
        `lam - deficit / arms`.
 
@@ -77,8 +82,45 @@ def agent_inputs(
     y = motion_with_tip_constraint(agent, payload, acceleration_cmd, p, kappa, q.R, omega_dot, free)
     if has_uncontrolled_joints(agent):
         y = y.at[3:].add(uncontrolled_joint_acceleration(agent, p, f_hat.f_r))
-    xi_dot, lam = jnp.concatenate([omega_dot, y[3:]]), setpoint.lam - deficit[None] / agent.tree.arms
+    lam = setpoint.lam - deficit[None] / agent.tree.arms
+    if (closed := agent.closed_contacts) is not None:
+        back = tip_motion(agent, p, open_contact_feedback(agent, gains, p, q, payload))
+        y = y + back
+        deficit = deficit + p.mass * bound_directions(agent, p, q.R) @ (q.R @ back[:3])
+        lam = setpoint.lam - closed[:, None] * deficit[None] / closed.sum()
+        moves_tip = agent.tree.ancestors[list(agent.tree.tip_bodies)].astype(float)
+        supported = (closed[:, None] * moves_tip).max(0)  # joints that move a closed contact
+        f_hat = dataclasses.replace(f_hat, f_r=supported * f_hat.f_r)
+    xi_dot = jnp.concatenate([omega_dot, y[3:]])
     return inputs_for_acceleration(p, h, q, q.R @ y[:3] - gravity, xi_dot, lam, f_hat)
+
+
+def open_contact_feedback(
+    agent: AerialManipulator,
+    gains: Gains,
+    p: aerial_manipulator.CentroidalModel,
+    q: AgentState,
+    payload: PayloadState,
+) -> Float[Array, "arms 3"]:
+    """Return the acceleration `-k_R phi - k_w phi_dot` of the tips of open contacts; zero for closed contacts.
+
+    No contact holds such a tip, so inverse dynamics alone leaves its position without control. The attitude gains give
+    the free arm the bandwidth of the base that carries it.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        gains: Feedback gains.
+        p: Centroidal model of the agent.
+        q: Estimated state of the agent.
+        payload: Estimated state of the payload.
+
+    Returns:
+        Accelerations [m/s^2, body frame].
+    """
+    assert agent.contact_compliance is not None
+    phi, phi_dot = grasp.contact_error(agent, p, q, payload), grasp.contact_error_rate(agent, p, q, payload)
+    feedback = -gains.agent_k_R * phi - gains.agent_k_omega * phi_dot
+    return jnp.where(agent.contact_compliance[:, None] > 0, feedback, 0.0)
 
 
 def attitude_feedback(

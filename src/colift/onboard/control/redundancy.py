@@ -85,6 +85,23 @@ def motion_with_tip_constraint(
     return _closest_motion(p, _inverse_weights(agent), free[:, None], target.reshape(-1, 1))[:, 0]
 
 
+def tip_motion(
+    agent: AerialManipulator, p: aerial_manipulator.CentroidalModel, tips: Float[Array, "arms 3"]
+) -> Float[Array, "motion"]:
+    """Compute the acceleration of center of mass and joints that accelerates the tips, with the attitude fixed.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        p: Centroidal model of the agent.
+        tips: Accelerations of the tips [m/s^2, body frame].
+
+    Returns:
+        `(R^T x_dd, r_dd)` of least weighted norm [m/s^2 body frame, rad/s^2 or m/s^2].
+    """
+    zero = jnp.zeros((3 + agent.tree.joints, 1))
+    return _closest_motion(p, _inverse_weights(agent), zero, tips.reshape(-1, 1))[:, 0]
+
+
 def bound_directions(
     agent: AerialManipulator, p: aerial_manipulator.CentroidalModel, R: Float[Array, "3 3"]
 ) -> Float[Array, "3 3"]:

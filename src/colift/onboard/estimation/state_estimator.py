@@ -102,6 +102,7 @@ def joint_rates(
     with the rate `r_dot_e` of the encoders, which determines motions that do not move the tips, and
     `G = (B^T B + s^2 I)^-1 B^T`, `s = contact_forces.MIN_LEVER`. Terms of the dynamics are quadratic in the
     rates, so that the variance of a rate adds to their mean. Differenced encoder readings have a large variance.
+    Rows of open contacts are zero.
 
     Args:
         agent: Nominal parameters of one agent.
@@ -119,6 +120,8 @@ def joint_rates(
     contact = payload.v[None] + so3.cross(payload.omega[None], agent.contact_position) @ payload.R.T
     tip = (contact - base.v[None]) @ base.R - so3.cross(omega[None], g.points[-agent.tree.arms :])
     B = _tip_jacobian(agent, g)
+    if agent.closed_contacts is not None:
+        tip, B = agent.closed_contacts[:, None] * tip, jnp.repeat(agent.closed_contacts, 3)[:, None] * B
     return encoder_rate + _rate_gain(B) @ (tip.reshape(-1) - B @ encoder_rate)
 
 
@@ -481,11 +484,12 @@ def _update_agent(
     modelled = state.modelled_force + initial_smoothing_factor(initialized, smoothing_factor(filters.tip_force, dt)) * (
         jnp.concatenate([force, moment]) - state.modelled_force
     )
+    lam = m.lam if agent.closed_contacts is None else agent.closed_contacts[:, None] * m.lam
     balance = AgentBalance(
         R=base.R,
         y=modelled,
         J_tip=p.J_tip,
-        measured=jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], m.lam),
+        measured=jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], lam),
         x=flatten_agent_state(q),
     )
     filtered = dataclasses.replace(state, base=fused, bias=bias, r=r, r_dot=r_dot, encoder=encoder)
