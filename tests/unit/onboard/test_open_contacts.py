@@ -63,7 +63,8 @@ def test_an_open_contact_is_away_and_unloaded(angle, force, is_open):
     assert not np.asarray(detect(CLOSED, r, jnp.zeros((2, 2, 3)), jnp.asarray(0.05))[0]).any()
 
 
-def test_an_open_contact_stays_open_and_an_agent_keeps_its_last_contact():
+def test_an_open_contact_stays_open():
+    """An agent keeps its last contact."""
     at_rest, light = PAPER.initial_state.agents[0].r, jnp.zeros((2, 2, 3))
     (found,) = detect((jnp.array([[False, False], [True, False]]),), at_rest, light, LATE)
     np.testing.assert_array_equal(found, [[False, False], [True, False]])

@@ -62,8 +62,8 @@ def test_a_rotor_fault_reaches_the_world(to):
     np.testing.assert_array_equal(mixer.effectiveness, world.actuators.limits[0].effectiveness)
 
 
-def test_the_allocation_within_limits_estimates_effectiveness_and_detects_open_contacts():
-    """Limits of single rotors would count as a loss."""
+def test_the_allocation_within_limits_estimates_effectiveness():
+    """It also detects open contacts. Limits of single rotors would count as a loss."""
     for allocation, actuators, estimated in (
         ("constrained", {"kind": "ideal"}, True),
         ("constrained", MOTORS, False),

@@ -82,16 +82,16 @@ def agent_inputs(
     y = motion_with_tip_constraint(agent, payload, acceleration_cmd, p, kappa, q.R, omega_dot, free)
     if has_uncontrolled_joints(agent):
         y = y.at[3:].add(uncontrolled_joint_acceleration(agent, p, f_hat.f_r))
-    lam = setpoint.lam - deficit[None] / agent.tree.arms
-    if (closed := agent.closed_contacts) is not None:
+    closed = agent.closed_contacts
+    if closed is not None:
         back = tip_motion(agent, p, open_contact_feedback(agent, gains, p, q, payload))
-        y = y + back
-        deficit = deficit + p.mass * bound_directions(agent, p, q.R) @ (q.R @ back[:3])
-        lam = setpoint.lam - closed[:, None] * deficit[None] / closed.sum()
+        y, deficit = y + back, deficit + p.mass * bound_directions(agent, p, q.R) @ (q.R @ back[:3])
         moves_tip = agent.tree.ancestors[list(agent.tree.tip_bodies)].astype(float)
         supported = (closed[:, None] * moves_tip).max(0)  # joints that move a closed contact
         f_hat = dataclasses.replace(f_hat, f_r=supported * f_hat.f_r)
     xi_dot = jnp.concatenate([omega_dot, y[3:]])
+    missing = deficit[None] / agent.tree.arms if closed is None else closed[:, None] * deficit[None] / closed.sum()
+    lam = setpoint.lam - missing
     return inputs_for_acceleration(p, h, q, q.R @ y[:3] - gravity, xi_dot, lam, f_hat)
 
 
