@@ -186,7 +186,8 @@ def correction_ablation() -> str:
             [_ratios((one[name][h], one[reference][h]) for one in groups[kind])[:2] for h in ("0.0", "0.06")]
             for kind in (False, True)
         )
-        rows.append((name, *(mean for mean, _ in with_tips), with_tips[1][1], *(mean for mean, _ in without)))
+        found = (*(mean for mean, _ in with_tips), with_tips[1][1], *(mean for mean, _ in without))
+        rows.append((name, *(f"{ratio:.2f}" for ratio in found)))
     header = (
         *("variant", "at once: mean", "60 ms ahead: mean", "60 ms ahead: 90 %"),
         *("without tips, at once: mean", "without tips, 60 ms ahead: mean"),
@@ -209,7 +210,7 @@ def update_ablation() -> str:
             _ratios((one[name][key], one["adaptive"][key]) for one in whole)
             for key in ("e_p_rms_after_change_m", "e_p_rms_late_m")
         )
-        rows.append((name, early[0], *late, f"{len(whole)} of {len(flown)}"))
+        rows.append((name, *(f"{ratio:.2f}" for ratio in (early[0], *late)), f"{len(whole)} of {len(flown)}"))
     header = ("variant", "1.5 s after the change: mean", "later: mean", "90 %", "greatest", "complete flights")
     return markdown(header, rows)
 
