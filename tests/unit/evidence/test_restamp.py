@@ -9,7 +9,7 @@ import re
 import pytest
 
 import evidence
-from evidence import restamp
+from evidence import restamp, update_ablation
 
 
 def stored(x: float, **more: object) -> dict:
@@ -126,7 +126,10 @@ def test_renamed_keys_of_one_result(project):
 
 
 RESULTS = sorted(path.stem for path in evidence.RESULTS.glob("*.json"))
-COMPOSED = {f"sigma_{body}_moment_mean_Nm" for body in "LA"}  # keys that the code composes from parts
+COMPOSED = {  # keys that the code composes from parts
+    *(f"sigma_{body}_moment_mean_Nm" for body in "LA"),
+    *(f"e_p_rms_{span}_m" for span in update_ablation.SPANS),
+}
 
 
 @functools.cache
