@@ -146,8 +146,8 @@ def summary(found: Sequence[Mapping[str, Any]], name: str, span: str) -> str:
     """Return the distribution of the ratios of a variant as text."""
     key = f"e_p_rms_{span}_m"
     pairs = [(one[name][key], one[REFERENCE][key]) for one in found if not one[name]["termination_reason"]]
-    ratios = np.array([changed / reference for changed, reference in pairs])
-    return f"{np.exp(np.log(ratios).mean()):.3f}, 90 % {np.quantile(ratios, 0.9):.2f}, largest {ratios.max():.2f}"
+    mean, quantile, greatest = replay.ratios(pairs)
+    return f"{mean:.3f}, 90 % {quantile:.2f}, largest {greatest:.2f}"
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from evidence import contact_forces
+from evidence import contact_forces, replay
 from results_tables import CASES, items, limits, markdown, number, spread, table, targets
 
 
@@ -166,12 +166,6 @@ def random_targets() -> str:
     return targets(importlib.import_module("evidence.react").targets(items("react")))
 
 
-def _ratios(pairs: Any) -> tuple[float, float, float]:
-    """Return geometric mean, 90 % quantile and greatest ratio of pairs of changed and reference errors."""
-    x = np.array([changed / reference for changed, reference in pairs])
-    return float(np.exp(np.log(x).mean())), float(np.quantile(x, 0.9)), float(x.max())
-
-
 @table("replay")
 def correction_ablation() -> str:
     """Replays of the correction with a rule left out or a constant changed: forecast error over that of `adaptive`."""
@@ -183,7 +177,7 @@ def correction_ablation() -> str:
     rows = []
     for name in names:
         with_tips, without = (
-            [_ratios((one[name][h], one[reference][h]) for one in groups[kind])[:2] for h in ("0.0", "0.06")]
+            [replay.ratios((one[name][h], one[reference][h]) for one in groups[kind])[:2] for h in ("0.0", "0.06")]
             for kind in (False, True)
         )
         found = (*(mean for mean, _ in with_tips), with_tips[1][1], *(mean for mean, _ in without))
@@ -207,7 +201,7 @@ def update_ablation() -> str:
     for name, flown in found.items():
         whole = [one for one in flown if not one[name]["termination_reason"]]
         early, late = (
-            _ratios((one[name][key], one["adaptive"][key]) for one in whole)
+            replay.ratios((one[name][key], one["adaptive"][key]) for one in whole)
             for key in ("e_p_rms_after_change_m", "e_p_rms_late_m")
         )
         rows.append((name, *(f"{ratio:.2f}" for ratio in (early[0], *late)), f"{len(whole)} of {len(flown)}"))
