@@ -71,7 +71,8 @@ def main() -> bool:
     """Print the targets of each team; return whether all are met."""
     # samples outside, so that a part of the computation has both teams
     found = collect("other_teams", [f"{team} {k}" for k in range(SAMPLES) for team in TEAMS], simulate_item)
-    return all([report(targets(team, found)) for team in TEAMS])
+    met = [report(targets(team, found)) for team in TEAMS]
+    return all(met)
 
 
 def targets(team: str, found_of: dict[str, Any]) -> list[Target]:
