@@ -15,7 +15,7 @@ from colift.scenario import Scenario, experiment, template
 from evidence import collect, react
 from evidence.targets import Target, report
 
-SAMPLES = 30  # of each team
+SAMPLES = 20  # of each team
 KEY = 9119  # of the random numbers
 TEAMS = ("seven", "init")
 CASES = ("C3", "label_feedback", "adaptive", "true_residual")
