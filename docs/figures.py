@@ -152,7 +152,7 @@ def gallery(_out: Path) -> None:
 
 DRAW: dict[str, Callable[[Path], None]] = {
     **{name: functools.partial(copied, name) for name in COPIED},
-    **{name: functools.partial(stored, name) for name in ("corollary", "curve")},
+    **{name: functools.partial(stored, name) for name in ("campaign", "corollary", "curve")},
     "study_seeds": seeds,
     "limits": limits,
     "flight": film,

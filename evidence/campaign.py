@@ -6,11 +6,15 @@ results page.
 
 from __future__ import annotations
 
+import shutil
+import tempfile
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from colift.campaigns import flights, sampling, spec, statistics
+from colift.visualization import campaign_figures
 from evidence import ROOT, collect
 from evidence.targets import Target, report
 
@@ -48,6 +52,14 @@ def table(found: dict[str, Any]) -> pd.DataFrame:
 def fractions(rows: pd.DataFrame) -> tuple[statistics.Fraction, ...]:
     """Return the fractions of flights that are complete, in order, and consistent with the statements of the paper."""
     return (*statistics.complete_flights(rows), *statistics.orderings(rows), *statistics.claims(rows))
+
+
+def draw(found: dict[str, Any], path: Path) -> None:
+    """Draw the distributions of the position error and of its ratio to C1."""
+    with tempfile.TemporaryDirectory() as folder:
+        drawn = Path(folder) / "campaign"
+        campaign_figures.plot_comparison(statistics.by_sample(table(found), statistics.ERROR_METRIC), drawn)
+        shutil.copy(drawn.with_suffix(".png"), path)
 
 
 def main() -> bool:

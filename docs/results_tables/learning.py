@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from evidence import contact_forces, replay
+from colift.campaigns import statistics
+from evidence import campaign, contact_forces, replay
 from results_tables import CASES, items, limits, markdown, number, spread, table, targets
 
 
@@ -54,6 +55,38 @@ def metrics() -> str:
         for case in found[0]
     ]
     return markdown(("case", "meaning", *(name for name, _ in METRICS.values())), rows)
+
+
+def _interval(interval: statistics.Interval, scale: float = 1.0) -> str:
+    """Return a confidence interval as text."""
+    return f"{number(scale * interval.low)} to {number(scale * interval.high)}"
+
+
+@table("campaign")
+def medians() -> str:
+    """Medians over the samples of a campaign, and ratios to C1, with intervals."""
+    names = METRICS | {
+        "sigma_L_force_mean_N": ("standard deviation of the payload force [N]", 1.0),
+        "lam_max_N": ("largest contact force [N]", 1.0),
+    }
+    rows = []
+    for each in statistics.compare_cases(campaign.table(items("campaign")), campaign.METRICS):
+        heading, scale = names[each.metric]
+        is_reference = each.case == each.reference
+        ratio = ("-", "-") if is_reference else (number(each.ratio.value), _interval(each.ratio))
+        median = number(scale * each.median.value), _interval(each.median, scale)
+        rows.append((heading, f"`{each.case}`", each.samples, *median, *ratio))
+    return markdown(("metric", "case", "n", "median", "interval", "ratio to `C1`, median", "interval"), rows)
+
+
+@table("campaign")
+def fractions() -> str:
+    """Fractions of the flights of a campaign with a property, with intervals."""
+    rows = (
+        (one.meaning, f"{one.count} of {one.total}", _interval(one.interval))
+        for one in campaign.fractions(campaign.table(items("campaign")))
+    )
+    return markdown(("statement", "flights", "interval of the fraction"), rows)
 
 
 @table("orderings")

@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from colift.campaigns import statistics
+from evidence import campaign
 from results_tables import CASES, MissingResult, count_faults, items, limits, markdown, number, record, table
 from results_tables.certificate import METHODS, _array, _runs
 from results_tables.learning import _errors, _generalized, _mm
@@ -188,8 +190,15 @@ def _file_faults() -> Iterator[Claim]:
     )
 
 
+def _campaign() -> Iterator[Claim]:
+    order = statistics.orderings(campaign.table(items("campaign")))[-1]
+    value, n = f"{order.count} of {order.total}", f"{order.total} samples"
+    yield "tracking", "paper's order of the cases with varied settings", f"samples with {order.meaning}", value, n
+
+
 CLAIMS: dict[str, Callable[[], Iterator[Claim]]] = {
     "orderings": _orderings,
+    "campaign": _campaign,
     "changes": _changes,
     "react": _react,
     "generalization": _generalization,
