@@ -83,7 +83,7 @@ def medians() -> str:
 def fractions() -> str:
     """Fractions of the flights of a campaign with a property, with intervals."""
     rows = (
-        (one.meaning, f"{one.count} of {one.total}", _interval(one.interval))
+        (one.meaning.replace("|", r"\|"), f"{one.count} of {one.total}", _interval(one.interval))
         for one in campaign.fractions(campaign.table(items("campaign")))
     )
     return markdown(("statement", "flights", "interval of the fraction"), rows)

@@ -58,7 +58,10 @@ SECOND_ORDER_STATES = (  # quadratic in the deviation from the equilibrium
 )
 COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command in the loop state
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
-LABEL_FILTERS = r"\.estimator\.(agents\[\d+\]\.)?(label|inputs|contact_forces)\b"
+LABEL_FILTERS = (
+    r"\.estimator\.(agents\[\d+\]\.)?(label|inputs|contact_forces)\b"
+    r"|\.estimator\.payload_filter\.(previous_inputs|input_errors)\b"
+)
 """Paths of the states of the label filters."""
 LABELS = (
     rf"{LABEL_FILTERS}|\.estimator\.(agents\[\d+\]\.)?(momenta|com_velocity_offset|modelled_force|modelled_wrench)\b"

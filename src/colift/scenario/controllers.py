@@ -41,6 +41,7 @@ from colift.onboard.estimation import (
     effectiveness,
     label_noise,
     nav_filter,
+    payload_filter,
     state_estimator,
 )
 from colift.onboard.learning import kalman_correction, label_filter, residual_correction, residual_predictors
@@ -55,7 +56,8 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     """Return the feedback gains.
 
     A rotational gain of the payload that is one number applies to roll and pitch. For yaw it is at most that of
-    `bound_tips.default_yaw_gains`.
+    `bound_tips.default_yaw_gains`. Without accelerometer the payload's acceleration is not fed back: its estimate
+    follows from contact forces, and feedback from them to the commanded ones destabilizes the loop.
 
     Args:
         settings: Scenario.
@@ -85,6 +87,8 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     g = float(jnp.linalg.norm(nominal.gravity))
     loop_gain = bound_tips.acceleration_loop_gain(team, result, float(nominal.payload.mass), g)
     jerk_feedback = array(min(1.0, bound_tips.MAX_LOOP_GAIN / max(loop_gain, np.finfo(float).tiny)))
+    if not settings.sensors.payload_imu:
+        jerk_feedback = array(0.0)
     return dataclasses.replace(result, jerk_feedback=jerk_feedback)
 
 
@@ -242,6 +246,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
             contact_forces=_contact_forces(settings, nominal),
             pose_delay=_pose_delay(settings),
             detects_stuck_tips=settings.contact_forces.kind == "tip_sensors" and settings.sensors.tip_force_N > 0,
+            payload_filter=None if settings.sensors.payload_imu else _payload_filter(settings, nominal),
         ),
         recorder=recorder(
             sample_period=array(1 / learning.sample_Hz),
@@ -347,13 +352,40 @@ def with_residual_corrector(
     )
     predictor = residual_predictors.CorrectedResidual(base=base.residual_predictor, rate_attenuation=attenuation)
     if isinstance(corrector, kalman_correction.ResidualKalmanFilter):  # its error lags by the tip sensors only
-        predictor = dataclasses.replace(predictor, lead_time=1 / (2 * jnp.pi * corrector.tip_bandwidth))
+        predictor = dataclasses.replace(predictor, lead_time=_tip_delay(settings))
+    if not settings.sensors.payload_imu:
+        delay = _payload_filter(settings, base.team).label_delay()
+        predictor = dataclasses.replace(predictor, payload_lead_time=delay)
     return dataclasses.replace(base, residual_corrector=corrector, residual_predictor=predictor)
 
 
-def label_low_pass(settings: schema.Scenario) -> label_filter.LabelFilter:
-    """Return the low-pass filter of labels."""
-    return label_filter.LabelFilter(filters=_filters(settings))
+def _tip_delay(settings: schema.Scenario) -> Array:
+    """Return the delay of the tip force sensors [s]."""
+    return 1 / (2 * jnp.pi * array(settings.sensors.tip_force_bandwidth_Hz))
+
+
+def _sensor_bandwidth(settings: schema.Scenario, team: Team) -> Array:
+    """Return the bandwidth of the sensors of the labels [Hz]: one number, or one per output without an IMU.
+
+    A first-order lag with this bandwidth has the delay of tip force sensors and payload filter.
+    """
+    if settings.sensors.payload_imu:
+        return array(settings.sensors.tip_force_bandwidth_Hz)
+    delay = _payload_filter(settings, team).label_delay()
+    zero = zero_residual(team)
+    delays = dataclasses.replace(zero, payload=jax.tree.map(lambda x: x + delay, zero.payload))
+    return 1 / (2 * jnp.pi * (_tip_delay(settings) + residual_correction.flatten(delays)))
+
+
+def label_low_pass(settings: schema.Scenario, team: Team) -> label_filter.LabelFilter:
+    """Return the low-pass filter of labels.
+
+    Args:
+        settings: Scenario.
+        team: Nominal parameters.
+    """
+    filters = dataclasses.replace(_filters(settings), tip_force=_sensor_bandwidth(settings, team))
+    return label_filter.LabelFilter(filters=filters)
 
 
 ERROR_STD_FACTOR = 4.0
@@ -382,7 +414,7 @@ def residual_kalman_filter(settings: schema.Scenario, team: Team) -> kalman_corr
                 for x in std.agents
             ),
         ),
-        tip_bandwidth=array(settings.sensors.tip_force_bandwidth_Hz),
+        sensor_bandwidth=_sensor_bandwidth(settings, team),
     )
 
 
@@ -436,6 +468,27 @@ def _pose_delay(settings: schema.Scenario) -> int | None:
         if isinstance(model, schema.Intermittent) and channels & set(model.channels)
     ]
     return max(delays, default=None)
+
+
+def _payload_filter(settings: schema.Scenario, nominal: Team) -> payload_filter.PayloadFilter:
+    """Return the filter of a payload without gyroscope and accelerometer.
+
+    The corner frequency follows from the noise of the poses and the standard deviations of the residual, for position
+    or attitude, whichever is smaller. It is at most the bandwidth of the tip force sensors, above which the contact
+    wrench is not measured.
+    """
+    given, std = settings.sensors, np.asarray(priors.residual_std(settings, nominal)[0])
+    inertia = np.linalg.eigvalsh(np.asarray(nominal.payload.inertia))
+    corners = [2 * np.pi * given.tip_force_bandwidth_Hz]
+    for reading, noise, acceleration in (
+        ("payload.p", given.position_m, (std[:3] / float(nominal.payload.mass)).mean()),
+        ("payload.R", float(np.deg2rad(given.attitude_deg)), (std[3:] / inertia).mean()),
+    ):
+        rates = [x.rate_Hz for x in given.models if isinstance(x, schema.Intermittent) and reading in x.channels]
+        if noise > 0:
+            period = 1 / min([settings.control_Hz, *rates])
+            corners.append(payload_filter.corner_frequency(acceleration, noise, period))
+    return payload_filter.PayloadFilter(corner=array(min(corners)))
 
 
 def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:

@@ -37,6 +37,7 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
         *_limits(data),
         *_poses(data),
         *_delays(data),
+        *_payload_sensors(data),
         *_mass_steps(data),
         *_faults(data),
         *_calibration(data),
@@ -393,6 +394,24 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield (*location, "delay_s"), f"must be whole ticks of {1 / rate:g} s: {' or '.join(near)}, got {delay:g}"
         if sample_rate > rate:
             yield (*location, "rate_Hz"), f"must not exceed control_Hz = {rate:g}, got {sample_rate:g}"
+
+
+def _payload_sensors(data: dict[str, Any]) -> Iterator[ErrorMessage]:
+    """Check that no model or fault concerns a gyroscope or accelerometer that the payload does not have."""
+    if _part(data, "sensors", "payload_imu") is not False:
+        return
+    readings = [
+        (("sensors", "models", i, "channels"), name)
+        for i, model in enumerate(_items(data, "sensors", "models"))
+        for name in _items(model, "channels")
+    ]
+    readings += [
+        (("faults", i, "reading"), f"{_part(fault, 'who')}.{_part(fault, 'reading')}")
+        for i, fault in enumerate(_items(data, "faults"))
+    ]
+    for location, name in readings:
+        if name in ("payload.omega", "payload.a"):
+            yield location, f"{name} does not exist: the payload has no such sensor (sensors.payload_imu: false)"
 
 
 def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:

@@ -160,7 +160,7 @@ def _case_experiment(case: str, c1: flight.Experiment, settings: Scenario) -> fl
                 residual_model=ridge_regression.fit_ridge(controller.residual_model, no_samples, tuning.ridge_alpha),
             )
         case "label_feedback" | "gp_label_feedback":
-            corrector = controllers.label_low_pass(settings)
+            corrector = controllers.label_low_pass(settings, controller.team)
             controller = controllers.with_residual_corrector(settings, controllers.with_preview(controller), corrector)
         case "adaptive":
             corrector = controllers.residual_kalman_filter(settings, controller.team)

@@ -23,6 +23,7 @@ from colift.simulation.sensors import (
     SensorModel,
     SensorNoise,
     StuckReading,
+    Unavailable,
     sample_tip_bias,
 )
 from colift.simulation.world import PayloadMassStep, Plant, SimulatedWorld
@@ -49,6 +50,7 @@ def make_world(
     noise = make_sensor_noise(settings)
     models = tuple(_sensor_model(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
     models += tuple(_stuck_reading(x, settings) for x in settings.faults if isinstance(x, schema.SensorFault))
+    models += () if settings.sensors.payload_imu else (Unavailable(channels=("payload.omega", "payload.a")),)
     models += tuple(_link(x, settings) for x in settings.faults if isinstance(x, schema.LinkFault))
     world = SimulatedWorld(
         team=truth,

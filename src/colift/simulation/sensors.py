@@ -330,6 +330,20 @@ class StuckReading(SensorModel):
 
 
 @pytree
+class Unavailable(SensorModel):
+    """Sensors that do not exist: their readings are NaN, so that a result that depends on them is not finite."""
+
+    channels: tuple[str, ...] = static()  # as for `Intermittent`
+
+    def apply(
+        self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: Any, noise: Any
+    ) -> tuple[Measurement, Any]:
+        """Replace the readings of the channels by NaN."""
+        readings = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), _select_channels(measurement, self.channels))
+        return _replace_channels(measurement, self.channels, readings), state
+
+
+@pytree
 class BiasWalkState:
     """State of `BiasRandomWalk`."""
 

@@ -51,7 +51,7 @@ def six(W: Wrench) -> np.ndarray:
 def kalman_filter(sigma: float = 1.5, **fields: float) -> ResidualKalmanFilter:
     """Return the filter of a payload without agents."""
     std = ResidualForces(payload=Wrench(F=jnp.full(3, sigma), tau=jnp.full(3, sigma)), agents=())
-    made = {name: jnp.array(x) for name, x in ({"tip_bandwidth": CORNERS["tip_force"]} | fields).items()}
+    made = {name: jnp.array(x) for name, x in ({"sensor_bandwidth": CORNERS["tip_force"]} | fields).items()}
     return ResidualKalmanFilter(std=std, **made)
 
 

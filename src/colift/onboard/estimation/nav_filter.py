@@ -33,9 +33,10 @@ class FilterBandwidths:
     imu_bias: Scalar  # Hz, estimation of the biases of gyroscopes and accelerometers from the corrections
     joint: Scalar  # Hz, second order, joint positions and their rates
     label: Scalar  # Hz, second order, labels and their inputs
-    tip_force: Scalar  # Hz, first order, known bandwidth of the tip force sensors
+    tip_force: Float[Array, "*outputs"]  # Hz, first order, known bandwidth of the tip force sensors, or of the sensors
+    # of each label
 
-    def label_delay(self) -> Scalar:
+    def label_delay(self) -> Float[Array, "*outputs"]:
         """Return the delay of labels `1 / (pi label) + 1 / (2 pi tip_force)` [s]."""
         return (1 / self.label + 1 / (2 * self.tip_force)) / jnp.pi
 
@@ -186,7 +187,7 @@ def update(
     if clock is None:
         fused, next_bias = _correct(predicted, bias, measured, filters, initialized, dt)
     else:
-        fused, next_bias = _correct_history(_shift(nav, predicted), bias, measured, filters, initialized, dt, clock)
+        fused, next_bias = _correct_history(shift(nav, predicted), bias, measured, filters, initialized, dt, clock)
     return fused, next_bias, omega, specific_force
 
 
@@ -213,9 +214,30 @@ def initial_history(nav: NavState, length: int) -> NavState:
     return NavState(R=repeated(nav.R, 2), x=repeated(nav.x, 1), v=repeated(nav.v, 1))
 
 
-def _shift(history: NavState, predicted: NavState) -> NavState:
-    """Return the history with the prediction as newest estimate, without the oldest one."""
+def shift(history: NavState, predicted: NavState) -> NavState:
+    """Return the history with the prediction as newest estimate, without the oldest one.
+
+    Args:
+        history: Estimates, newest first.
+        predicted: Prediction for this control period.
+    """
     return jax.tree.map(lambda new, old: jnp.concatenate([new[None], old[:-1]]), predicted, history)
+
+
+def sample_periods(clock: ReadingClock, length: int, dt: Scalar) -> tuple[Float[Array, "3 periods"], Float[Array, "3"]]:
+    """Return the period of the history in which each reading was sampled, and whether the reading is used.
+
+    Args:
+        clock: Clock of the readings of attitude, position and velocity.
+        length: Number of control periods of the history.
+        dt: Control period [s].
+
+    Returns:
+        Rows with 1 in the period of the sample, and 0 elsewhere; 1 for a new reading that is not older than the
+        history, and 0 otherwise.
+    """
+    sampled = (jnp.abs(jnp.arange(length, dtype=float)[None] * dt - clock.age[:, None]) < 0.5 * dt).astype(float)
+    return sampled, clock.is_new * sampled.sum(1)
 
 
 def _correct_history(
@@ -229,9 +251,7 @@ def _correct_history(
 ) -> tuple[NavState, ImuBias]:
     """Correct all estimates of the history and the biases by readings of their own age."""
     R, x, v = history.R, history.x, history.v
-    # one-hot rows: the period in which each reading was sampled; zero for a reading older than the history
-    sampled = (jnp.abs(jnp.arange(len(R), dtype=float)[None] * dt - clock.age[:, None]) < 0.5 * dt).astype(float)
-    used = clock.is_new * sampled.sum(1)
+    sampled, used = sample_periods(clock, len(R), dt)
     R_h, x_h, v_h = jnp.einsum("k,kij->ij", sampled[0], R), sampled[1] @ x, sampled[2] @ v
     periods = clock.elapsed / dt
     smoothing = irregular_smoothing_factor(smoothing_factor(filters.complementary, dt), jnp.maximum(periods, 1.0))

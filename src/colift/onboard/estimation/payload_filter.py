@@ -124,7 +124,7 @@ class PayloadFilter:
         predicted = jnp.stack([e_x + dt * e_v + dt * dt / 2 * e_a, e_v + dt * e_a, e_a + x - state.previous_inputs])
         is_new, interval = (jnp.ones(()), dt) if clock is None else (clock.is_new[1], clock.elapsed[1])
         gains = is_new * correction_gains(self.corner, interval)
-        errors = initialized * (predicted - gains[:, None] * predicted[0])
+        errors = initialized * (predicted - gains[:, None] * predicted[:1])
         return x - errors[2], dataclasses.replace(state, previous_inputs=x, input_errors=errors)
 
     def update(
@@ -163,16 +163,18 @@ class PayloadFilter:
         sampled, used = nav_filter.sample_periods(now, len(history.x), dt)
         R_h, x_h = jnp.einsum("k,kij->ij", sampled[0], history.R), sampled[1] @ history.x
         e_R, e_x = used[0] * so3.vee(R_h.T @ measured.R), used[1] * (measured.x - x_h)
-        since = now.age[:2, None] - jnp.arange(len(history.x), dtype=float) * dt  # s, from the sample to each estimate
+        since = (
+            now.age[:2, None] - jnp.arange(len(history.x), dtype=float)[None] * dt
+        )  # s, from the sample to each estimate
         (angle, rate, acceleration_R), (shift, velocity, acceleration_x) = (
             _corrections(initialized * correction_gains(self.corner, interval), jnp.maximum(time, 0.0))
             for interval, time in zip(now.elapsed, since, strict=False)
         )
         start = lambda given, corrected: given[None] + initialized * (corrected - given[None])  # noqa: E731
         fused = NavState(
-            R=start(measured.R, so3.exp(angle[:, None] * (R_h @ e_R)) @ history.R),
-            x=start(measured.x, history.x + shift[:, None] * e_x),
-            v=start(measured.v, history.v + velocity[:, None] * e_x),
+            R=start(measured.R, so3.exp(angle[:, None] * (R_h @ e_R)[None]) @ history.R),
+            x=start(measured.x, history.x + shift[:, None] * e_x[None]),
+            v=start(measured.v, history.v + velocity[:, None] * e_x[None]),
         )
         omega = initialized * omega + rate[0] * e_R
         residual = state.residual + jnp.concatenate(

@@ -2,7 +2,8 @@
 
 Pose and velocity of every body come from a complementary filter (`colift.onboard.estimation.nav_filter`). Gyroscope and
 accelerometer predict them; the measured pose and velocity correct the prediction at a low bandwidth. This removes noise
-without delay.
+without delay. For a payload without these sensors, the equations of motion replace them
+(`colift.onboard.estimation.payload_filter`).
 
 A label is the residual of the nominal equations. Momenta are differenced over one control period, all terms are summed
 without filtering, and the sum passes one filter. All terms therefore have the same delay. The inputs of the learned
@@ -33,7 +34,7 @@ from colift.math.filters import (
 )
 from colift.math.pytree import pytree, static
 from colift.models import aerial_manipulator, grasp, inverse_dynamics
-from colift.models.measurement import AgentReading, Measurement
+from colift.models.measurement import AgentReading, Measurement, PayloadReading
 from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import (
     AgentInput,
@@ -54,6 +55,7 @@ from colift.onboard.estimation.contact_forces import (
     TipSensors,
 )
 from colift.onboard.estimation.nav_filter import FilterBandwidths, ImuBias, NavState, ReadingClock
+from colift.onboard.estimation.payload_filter import PayloadFilter, PayloadFilterState
 from colift.onboard.estimation.tip_readings import TipReadings, initial_tip_readings, update_tip_readings
 
 Scalar = Float[Array, ""]
@@ -159,6 +161,7 @@ class EstimatorState:
     time_since_label: Scalar  # s, since the last valid label
     initialized: Float[Array, ""]  # 0 before the first control period, 1 afterwards
     tips: TipReadings | None = None  # None if stuck tip force sensors are not detected
+    payload_filter: PayloadFilterState | None = None  # None if the payload has gyroscope and accelerometer
 
 
 @pytree
@@ -203,12 +206,14 @@ class ComplementaryFilter:
         pose_delay: Largest delay of readings of poses and velocities, in control periods; None if all of them are new
             in every control period.
         detects_stuck_tips: Whether a tip reading that stays unchanged counts as old; requires readings with noise.
+        payload_filter: Filter of a payload without gyroscope and accelerometer; None if the payload has them.
     """
 
     filters: FilterBandwidths
     contact_forces: ContactForceEstimator = TipSensors()
     pose_delay: int | None = static(default=None)
     detects_stuck_tips: bool = static(default=False)
+    payload_filter: PayloadFilter | None = None
 
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
         """Return the steady state at the first measurement, with zero labels; see `Estimator`."""
@@ -218,6 +223,7 @@ class ComplementaryFilter:
             state,
             tips=initial_tip_readings(measurement) if self.detects_stuck_tips else None,
             contact_forces=tuple(steady_state(jnp.zeros(m.lam.shape)) for m in measurement.agents if averaged),
+            payload_filter=self.payload_filter and self.payload_filter.init(team),
         )
 
     def update(
@@ -230,7 +236,7 @@ class ComplementaryFilter:
         clock: ControlClock,
     ) -> tuple[StateEstimate, EstimatorState]:
         """Compute states, contact forces and filtered labels of one control period; see `Estimator`."""
-        return _update(team, self.filters, self.contact_forces, state, measurement, applied, f_hat, clock.dt)
+        return _update(team, self, state, measurement, applied, f_hat, clock.dt)
 
 
 def _initial_state(team: Team, measurement: Measurement, pose_delay: int | None) -> EstimatorState:
@@ -272,8 +278,7 @@ def _initial_state(team: Team, measurement: Measurement, pose_delay: int | None)
 
 def _update(
     team: Team,
-    filters: FilterBandwidths,
-    estimator: ContactForceEstimator,
+    estimator: ComplementaryFilter,
     state: EstimatorState,
     measurement: Measurement,
     applied: TeamInputs,
@@ -281,14 +286,16 @@ def _update(
     dt: Scalar,
 ) -> tuple[StateEstimate, EstimatorState]:
     """Advance all filters by one control period."""
+    filters = estimator.filters
     clocks = None if state.clocks is None else _advance_clocks(state.clocks, measurement, dt)
     payload, balance, a, payload_state = _update_payload(
-        team, filters, dataclasses.replace(state, clocks=clocks), measurement, dt
+        team, estimator, dataclasses.replace(state, clocks=clocks), measurement, dt
     )
-    closed = not isinstance(estimator, contact_forces.FreeFlight)
+    # Without gyroscope the payload's twist has more noise than encoder rates, whose square adds to the mean.
+    closed = estimator.payload_filter is None and not isinstance(estimator.contact_forces, contact_forces.FreeFlight)
     found = _update_agents(team, filters, state, payload, measurement, applied, clocks and clocks[1], dt, closed)
     age, tips = _tip_reading_age(state, measurement, dt)
-    forces = estimator.estimate(
+    forces = estimator.contact_forces.estimate(
         team,
         TeamBalance(agents=tuple(each for _, each, _ in found), payload=balance, reading_age=age, f_hat=f_hat),
     )
@@ -306,15 +313,23 @@ def _update(
     W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(lam))
     payload_label = balance.y - jnp.concatenate([W.F, W.tau])
     averaged, filtered = _average(state, lam, b)
+    motion, inputs = payload_state.payload_filter, flatten_payload_state(payload, a)
+    if motion is not None:
+        assert estimator.payload_filter is not None  # for the type checker
+        poses = clocks and clocks[0]
+        inputs, motion = estimator.payload_filter.delay_inputs(motion, inputs, state.initialized, dt, poses)
+        W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(averaged))
+        motion = dataclasses.replace(motion, wrench=jnp.concatenate([W.F, W.tau]))
     next_state = dataclasses.replace(
         payload_state,
         agents=agents,
         contact_forces=filtered,
         label=_filter_label(state.label, payload_label, b, state.initialized),
-        inputs=_filter_label(state.inputs, flatten_payload_state(payload, a), b, state.initialized),
+        inputs=_filter_label(state.inputs, inputs, b, state.initialized),
         time_since_label=(1 - forces.valid) * interval,
         initialized=jnp.ones(()),
         tips=tips,
+        payload_filter=motion,
     )
     sample = TrainingSample(
         payload=(next_state.inputs.stage2, next_state.label.stage2),
@@ -367,13 +382,13 @@ def _update_agents(
 
 
 def _update_payload(
-    team: Team, filters: FilterBandwidths, state: EstimatorState, measurement: Measurement, dt: Scalar
+    team: Team, estimator: ComplementaryFilter, state: EstimatorState, measurement: Measurement, dt: Scalar
 ) -> tuple[PayloadState, PayloadBalance, Float[Array, "6"], EstimatorState]:
     """Compute state and equations of motion of the payload, and its filter state with the label filters unchanged.
 
     Args:
         team: Nominal parameters.
-        filters: Corner frequencies.
+        estimator: Filters.
         state: State of the previous control period, with the clocks of this one.
         measurement: Readings of this control period.
         dt: Control period [s].
@@ -382,7 +397,9 @@ def _update_payload(
         State, equations of motion, ``v_dot - a_g`` [m/s^2, world] with ``w_dot`` [rad/s^2, payload frame], and filter
         state.
     """
-    q, clock = measurement.payload, state.clocks and state.clocks[0]
+    q, clock, filters = measurement.payload, state.clocks and state.clocks[0], estimator.filters
+    if estimator.payload_filter is not None:
+        return _update_payload_without_imu(team, estimator.payload_filter, state, q, dt)
     fused, bias, omega, a = nav_filter.update(
         *((state.payload, state.bias), NavState(R=q.R, x=q.p, v=q.v), q.omega, q.a, team.gravity, filters),
         *(state.initialized, dt, clock),
@@ -400,6 +417,22 @@ def _update_payload(
     next_state = dataclasses.replace(state, payload=fused, bias=bias, omega=omega, modelled_wrench=modelled)
     acceleration = jnp.concatenate([specific_force, omega_dot])
     return payload, PayloadBalance(R=payload.R, y=modelled), acceleration, next_state
+
+
+def _update_payload_without_imu(
+    team: Team, payload_filter: PayloadFilter, state: EstimatorState, q: PayloadReading, dt: Scalar
+) -> tuple[PayloadState, PayloadBalance, Float[Array, "6"], EstimatorState]:
+    """Return the results of `_update_payload` from the poses of a payload without gyroscope and accelerometer."""
+    previous, clock = state.payload_filter, state.clocks and state.clocks[0]
+    assert previous is not None  # for the type checker
+    measured = NavState(R=q.R, x=q.p, v=q.v)
+    motion, current = payload_filter.update(team, (state.payload, previous), measured, state.initialized, dt, clock)
+    nav = nav_filter.newest(motion.nav, clock)
+    payload = PayloadState(R=nav.R, p=nav.x, omega=motion.omega, v=nav.v)
+    balance = PayloadBalance(R=nav.R, y=current.wrench + current.residual)
+    acceleration = jnp.concatenate([motion.specific_force, motion.omega_dot])
+    next_state = dataclasses.replace(state, payload=motion.nav, omega=motion.omega, payload_filter=current)
+    return payload, balance, acceleration, next_state
 
 
 def _average(

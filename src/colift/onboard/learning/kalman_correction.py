@@ -11,7 +11,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from colift.math.filters import initial_smoothing_factor, smoothing_factor
 from colift.math.pytree import constant, pytree
@@ -131,7 +131,7 @@ class ResidualKalmanFilter:
     Attributes:
         std: Standard deviation ``sigma`` of the model error [N, N m].
         decay_rate: Decay rate ``lambda`` [1/s].
-        tip_bandwidth: Bandwidth of the tip force sensors [Hz].
+        sensor_bandwidth: Bandwidth of the sensors of the labels, for all outputs or each of them [Hz].
         max_bandwidth: Largest corner frequency of the filter [Hz].
         averaging_time: Time constant of ``E`` [s].
         noise_averaging_time: Time constant of the Allan variances [s].
@@ -139,7 +139,7 @@ class ResidualKalmanFilter:
     Example:
         ::
 
-            corrector = ResidualKalmanFilter(std=std, tip_bandwidth=jnp.array(50.0))
+            corrector = ResidualKalmanFilter(std=std, sensor_bandwidth=jnp.array(50.0))
             state = corrector.init(team)
             correction, state = corrector.update(state, observation, clock)
 
@@ -149,7 +149,7 @@ class ResidualKalmanFilter:
     """
 
     std: ResidualForces
-    tip_bandwidth: Scalar
+    sensor_bandwidth: Float[Array, "*outputs"]
     decay_rate: Scalar = constant(1.0)
     max_bandwidth: Scalar = constant(10.0)
     averaging_time: Scalar = constant(1.0)
@@ -263,7 +263,7 @@ class ResidualKalmanFilter:
         """
         y, valid, interval = (flatten(x) for x in (observation.label, observation.label_valid, observation.interval))
         noise = self._label_noise(state.label_noise, y, valid, interval)
-        b = initial_smoothing_factor(state.initialized, smoothing_factor(self.tip_bandwidth, dt))
+        b = initial_smoothing_factor(state.initialized, smoothing_factor(self.sensor_bandwidth, dt))
         delayed = state.delayed + b * (f - state.delayed)
         corrected, nis = self._correct(state, y - delayed, valid, *self._noise_variances(noise, dt), dt)
         average, d = valid * -jnp.expm1(-interval / self.averaging_time), corrected.d

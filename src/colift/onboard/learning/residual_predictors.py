@@ -130,11 +130,14 @@ class CorrectedResidual:
         lead_time: Lead time that compensates the delay of the correction [s].
         rate_attenuation: Share ``a`` of the rate that is used for each agent, by group, in [0, 1]. It limits the label
             loop gain (`colift.onboard.control.label_feedback`).
+        payload_lead_time: Further lead time for the payload, whose labels have a longer delay without gyroscope and
+            accelerometer [s]; None: the same lead time for all bodies.
     """
 
     base: ResidualPredictor
     lead_time: Scalar = constant(DEFAULT_LEAD_TIME)
     rate_attenuation: tuple[Float[Array, "agents"], ...]
+    payload_lead_time: Scalar | None = None
 
     def init(self, team: Team) -> Any:
         """Return the initial state of the base predictor."""
@@ -176,7 +179,11 @@ class CorrectedResidual:
         agents = zip(correction.rate.agents, self.rate_attenuation, strict=True)
         attenuated = tuple(jax.tree.map(functools.partial(jnp.multiply, a[:, None]), force) for force, a in agents)
         rate = dataclasses.replace(correction.rate, agents=attenuated)
-        return jax.tree.map(lambda f, d, v: f + d + h * v, f, correction.error, rate)
+        corrected = jax.tree.map(lambda f, d, v: f + d + h * v, f, correction.error, rate)
+        if self.payload_lead_time is None:
+            return corrected
+        W_dot = rate.payload
+        return add_payload_wrench(corrected, self.payload_lead_time * jnp.concatenate([W_dot.F, W_dot.tau]))
 
 
 @pytree

@@ -82,6 +82,8 @@ class Sensors(Section):
     """Standard deviation of the constant bias of each axis of a tip force sensor."""
     tip_force_bandwidth_Hz: fields.Bandwidth = 50.0
     """Bandwidth of the first-order lag of the tip force sensors."""
+    payload_imu: bool = True
+    """Whether the payload has gyroscope and accelerometer; without them a Kalman filter estimates its motion."""
     models: Annotated[
         tuple[Annotated[Intermittent | BiasRandomWalk | Plugin, Field(discriminator="kind")], ...],
         Field(max_length=MAX_ENTRIES),
