@@ -232,14 +232,14 @@ def test_nonlinear_effect_of_noise_is_refused(monkeypatch):
 def test_noise_adds_its_quantile_to_every_component(monkeypatch):
     """The number of standard deviations holds for all components and steps jointly at the confidence."""
     of, quiet, _ = made(), made().certificate, energy_intervals()
-    assert set(quiet.noise.values()) == {0.0}
+    assert set(quiet.noise_response.values()) == {0.0}
     monkeypatch.setattr(
         linearized_trajectory, "noise_std", lambda loop, rows: np.full((len(loop.nodes), len(rows)), 1e-5)
     )
     noisy = energy_certificate(of.experiment)
     ticks = int((of.flight.records.t >= quiet.window[0] - 1e-9).sum())
     sigmas = norm.isf((1 - of.experiment.bound_assumptions.confidence) / (2 * 12 * ticks))
-    assert noisy.noise["e_p"] == pytest.approx(1e-5 * sigmas, rel=1e-9)
+    assert noisy.noise_response["e_p"] == pytest.approx(1e-5 * sigmas, rel=1e-9)
     for key, span in noisy.intervals.items():
         a_priori_analysis = energy_intervals()[key]
         np.testing.assert_allclose(span.upper - a_priori_analysis.upper, 1e-5 * sigmas, rtol=1e-6)

@@ -110,7 +110,7 @@ def test_noise_response_has_the_predicted_std():
     """RMS over the second half of a simulation with noise relative to the nominal trajectory."""
     of = made()
     noisy = dict.fromkeys(
-        ("position", "velocity", "attitude", "body_rate", "accelerometer", "joint"), jnp.asarray(1e-3)
+        ("position", "velocity", "attitude", "angular_velocity", "accelerometer", "joint_position"), jnp.asarray(1e-3)
     )
     sensors = dataclasses.replace(of.experiment.world.sensors, **noisy)
     schedule = of.nominal_linearization.model_schedule

@@ -484,7 +484,7 @@ def test_vmap_agents_equals_vmap():
     assert_close(jax.vmap(mine, in_axes=(None, 0))(x, jnp.stack([y, -y])),
                  jax.vmap(theirs, in_axes=(None, 0))(x, jnp.stack([y, -y])))  # fmt: skip
     assert_close(jax.grad(lambda s: vmap_agents(lambda a: a * s)(x).sum())(2.0), x.sum())
-    with pytest.raises(ValueError, match=r"one leading axis, got lengths \[3, 4\]"):
+    with pytest.raises(ValueError, match=r"equal lengths of their leading axes, got \[3, 4\]"):
         vmap_agents(f)(x, y)
 
 

@@ -581,11 +581,11 @@ def test_bounds_hold_on_random_functions(kind, monkeypatch):
     found = coverage.summarize(
         {f"{kind}, adaptive, B = 0.2, 0": coverage.compute_item(f"{kind}, adaptive, B = 0.2, 0")}
     )
-    claimed = {name: row for name, row in found.items() if row["claims"]}
+    claimed = {name: row for name, row in found.items() if row["assumptions_met"]}
     assert len(claimed) == {"two-point": 10, "Gaussian": 6, "filtered and biased": 2}[kind]
-    assert all(row["rate"] <= row["allowed"] for row in claimed.values())
-    controls = ["forgets the noise"] + ["abbasi_yadkori 0.95"] * (kind == "filtered and biased")
+    assert all(row["violation_rate"] <= row["allowed_rate"] for row in claimed.values())
+    controls = ["noise_free"] + ["abbasi_yadkori 0.95"] * (kind == "filtered and biased")
     for name in controls:
         row = found[f"{kind}, adaptive, B = 0.2, {name}"]
-        assert row["rate"] > row["allowed"]
-        assert not row["claims"]
+        assert row["violation_rate"] > row["allowed_rate"]
+        assert not row["assumptions_met"]

@@ -66,7 +66,11 @@ class StandIn:
 
 @pytest.fixture(scope="module")
 def plan() -> Experiment:
-    return dataclasses.replace(experiment.make_experiment(light.settings(), "C1"), duration=TICKS * 0.002)
+    """Half the initial errors of the sample. With all of them a torque needs a negative rotor signal, clipped to 0."""
+    initial = light.SAMPLE.initial_state
+    errors = {name: tuple(x / 2 for x in getattr(initial, name)) for name in ("position_error_m", "attitude_error_deg")}
+    scenario = light.settings(initial_state=initial.model_copy(update=errors))
+    return dataclasses.replace(experiment.make_experiment(scenario, "C1"), duration=TICKS * 0.002)
 
 
 def simulate_with_autopilots(one_experiment: Experiment, **options: int) -> tuple[list, list[StandIn]]:
