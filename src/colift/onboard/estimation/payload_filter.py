@@ -163,9 +163,8 @@ class PayloadFilter:
         sampled, used = nav_filter.sample_periods(now, len(history.x), dt)
         R_h, x_h = jnp.einsum("k,kij->ij", sampled[0], history.R), sampled[1] @ history.x
         e_R, e_x = used[0] * so3.vee(R_h.T @ measured.R), used[1] * (measured.x - x_h)
-        since = (
-            now.age[:2, None] - jnp.arange(len(history.x), dtype=float)[None] * dt
-        )  # s, from the sample to each estimate
+        times = jnp.arange(len(history.x), dtype=float) * dt
+        since = now.age[:2, None] - times[None]  # s, from the sample to each estimate
         (angle, rate, acceleration_R), (shift, velocity, acceleration_x) = (
             _corrections(initialized * correction_gains(self.corner, interval), jnp.maximum(time, 0.0))
             for interval, time in zip(now.elapsed, since, strict=False)
