@@ -147,8 +147,8 @@ MUTANTS = {
     ),
     "payload inputs: label filter omitted": Mutant(
         "onboard/estimation/state_estimator.py",
-        "_filter_label(state.inputs, flatten_payload_state(payload, a), b, ",
-        "_filter_label(state.inputs, flatten_payload_state(payload, a), 0.0 * b + 1.0, ",
+        "_filter_label(state.inputs, inputs, b, ",
+        "_filter_label(state.inputs, inputs, 0.0 * b + 1.0, ",
         "unit/onboard/test_state_estimator",
         "test_model_inputs_have_the_delay_of_labels",
     ),

@@ -199,6 +199,13 @@ def random_targets() -> str:
     return targets(importlib.import_module("evidence.react").targets(items("react")))
 
 
+@table("other_teams")
+def other_teams_targets() -> str:
+    """Targets of `adaptive` in random environments of other teams."""
+    module, found = importlib.import_module("evidence.other_teams"), items("other_teams")
+    return targets([target for team in module.TEAMS for target in module.targets(team, found)])
+
+
 @table("replay")
 def correction_ablation() -> str:
     """Replays of the correction with a rule left out or a constant changed: forecast error over that of `adaptive`."""
