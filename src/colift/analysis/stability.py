@@ -60,7 +60,7 @@ COMMAND = r"\.controller\.last_command\[\d+\]\..*"  # path of the last command i
 SENSORS = r"\.sensors\[\d+\]\.(age|next_sample_time|bias)\b"  # sensor clocks and drifts are held with the loop's clock
 LABEL_FILTERS = (
     r"\.estimator\.(agents\[\d+\]\.)?(label|inputs|contact_forces)\b"
-    r"|\.estimator\.payload_filter\.(previous_inputs|input_errors)\b"
+    r"|\.estimator\.payload_filter\.(last_inputs|input_errors)\b"
 )
 """Paths of the states of the label filters."""
 LABELS = (

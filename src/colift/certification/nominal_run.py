@@ -89,6 +89,10 @@ def check_supported(experiment: Experiment) -> None:
             getattr(getattr(onboard_controller, "estimator", None), "contact_forces", None),
             (contact_forces.TipSensors,),
         ),
+        "payload filter": (
+            getattr(getattr(onboard_controller, "estimator", None), "payload_filter", None),
+            (type(None),),
+        ),
         "world": (world, (SimulatedWorld,)),
         "plant": (getattr(world, "plant", None), (contact_dynamics.RigidContactPlant,)),
         "actuators": (getattr(world, "actuators", None), (actuators.IdealActuators,)),

@@ -45,11 +45,13 @@ class RosNames(NamedTuple):
         agents: Name of each agent.
         joints: Names of the joints of each agent.
         arms: Names of the arms of each agent.
+        payload_imu: Whether the payload has gyroscope and accelerometer.
     """
 
     agents: tuple[str, ...]
     joints: tuple[tuple[str, ...], ...]
     arms: tuple[tuple[str, ...], ...]
+    payload_imu: bool = True
 
 
 def names(settings: Scenario) -> RosNames:
@@ -71,6 +73,7 @@ def names(settings: Scenario) -> RosNames:
         agents=tuple(_ros_name(agent) for agent in agents),
         joints=tuple(own(joints, agent) for agent in agents),
         arms=tuple(tuple(map(_ros_name, own(arms, agent))) for agent in agents),
+        payload_imu=settings.sensors.payload_imu,
     )
 
 
@@ -90,8 +93,9 @@ def topics(names: RosNames) -> dict[str, str]:
     """
     types = {}
     for body in (PAYLOAD, *names.agents):
-        types |= {f"/{body}/pose": "PoseStamped", f"/{body}/velocity": "Vector3Stamped", f"/{body}/imu": "Imu"}
-    for agent, joints, arms in zip(*names, strict=True):
+        types |= {f"/{body}/pose": "PoseStamped", f"/{body}/velocity": "Vector3Stamped"}
+        types |= {f"/{body}/imu": "Imu"} if body != PAYLOAD or names.payload_imu else {}
+    for agent, joints, arms in zip(names.agents, names.joints, names.arms, strict=True):
         types |= {f"/{agent}/joint_states": "JointState"} if joints else {}
         types |= {f"/{agent}/{arm}/tip_force": "WrenchStamped" for arm in arms}
     return types
@@ -110,7 +114,8 @@ def measurement_from_messages(team: Team, names: RosNames, messages: Mapping[str
     Returns:
         The measurement.
     """
-    agents = [_agent(*agent_names, messages) for agent_names in zip(*names, strict=True)]
+    each_agent = zip(names.agents, names.joints, names.arms, strict=True)
+    agents = [_agent(*agent_names, messages) for agent_names in each_agent]
     groups, first = [], 0
     for size in team.sizes:
         group = agents[first : first + size]
@@ -118,8 +123,10 @@ def measurement_from_messages(team: Team, names: RosNames, messages: Mapping[str
         first += size
     payload = {
         "p" if name == "x" else name: _array(f"{PAYLOAD} {name}", values)
-        for name, values in _body(PAYLOAD, messages).items()
+        for name, values in _body(PAYLOAD, messages, has_imu=names.payload_imu).items()
     }
+    if not names.payload_imu:  # readings that do not exist, as in the simulation
+        payload |= dict.fromkeys(("omega", "a"), jnp.full(3, jnp.nan))
     return Measurement(agents=tuple(groups), payload=PayloadReading(**payload))
 
 
@@ -136,19 +143,21 @@ def _xyz(v: Any) -> list[float]:
     return [v.x, v.y, v.z]
 
 
-def _body(body: str, messages: Mapping[str, Any]) -> dict[str, Any]:
+def _body(body: str, messages: Mapping[str, Any], *, has_imu: bool = True) -> dict[str, Any]:
     """Return the measurements of a body by field name."""
-    pose, imu = messages[f"/{body}/pose"].pose, messages[f"/{body}/imu"]
+    pose = messages[f"/{body}/pose"].pose
     q = np.array([pose.orientation.x, pose.orientation.y, pose.orientation.z, pose.orientation.w])
     if not abs(q @ q - 1) <= 1e-3:
         raise ValueError(f"/{body}/pose: the orientation {q.tolist()} is not a unit quaternion")
-    return {
+    found: dict[str, Any] = {
         "R": Rotation.from_quat(q).as_matrix(),
         "x": _xyz(pose.position),
         "v": _xyz(messages[f"/{body}/velocity"].vector),
-        "omega": _xyz(imu.angular_velocity),
-        "a": _xyz(imu.linear_acceleration),
     }
+    if has_imu:
+        imu = messages[f"/{body}/imu"]
+        found |= {"omega": _xyz(imu.angular_velocity), "a": _xyz(imu.linear_acceleration)}
+    return found
 
 
 def _agent(name: str, joints: tuple[str, ...], arms: tuple[str, ...], messages: Mapping[str, Any]) -> dict[str, Any]:

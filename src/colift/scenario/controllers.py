@@ -56,8 +56,8 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     """Return the feedback gains.
 
     A rotational gain of the payload that is one number applies to roll and pitch. For yaw it is at most that of
-    `bound_tips.default_yaw_gains`. Without accelerometer the payload's acceleration is not fed back: its estimate
-    follows from contact forces, and feedback from them to the commanded ones destabilizes the loop.
+    `bound_tips.default_yaw_gains`. Without accelerometer the payload's acceleration is not fed back. Its estimate
+    follows from the contact forces, and feedback from measured to commanded contact forces destabilizes the loop.
 
     Args:
         settings: Scenario.
@@ -88,7 +88,7 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     loop_gain = bound_tips.acceleration_loop_gain(team, result, float(nominal.payload.mass), g)
     jerk_feedback = array(min(1.0, bound_tips.MAX_LOOP_GAIN / max(loop_gain, np.finfo(float).tiny)))
     if not settings.sensors.payload_imu:
-        jerk_feedback = array(0.0)
+        jerk_feedback = jnp.zeros(())
     return dataclasses.replace(result, jerk_feedback=jerk_feedback)
 
 
@@ -246,7 +246,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
             contact_forces=_contact_forces(settings, nominal),
             pose_delay=_pose_delay(settings),
             detects_stuck_tips=settings.contact_forces.kind == "tip_sensors" and settings.sensors.tip_force_N > 0,
-            payload_filter=None if settings.sensors.payload_imu else _payload_filter(settings, nominal),
+            payload_filter=_payload_filter(settings, nominal),
         ),
         recorder=recorder(
             sample_period=array(1 / learning.sample_Hz),
@@ -289,9 +289,13 @@ def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.Effectiven
 
 
 def _contact_monitor(settings: schema.Scenario, nominal: Team) -> contact_monitor.ContactMonitor | None:
-    """Return the detection of open contacts; None without agents with several arms, or without noisy tip sensors."""
+    """Return the detection of open contacts.
+
+    None without agents with several arms, without noisy tip sensors, or without inertial sensors of the payload, which
+    determine the noise of its estimated pose.
+    """
     given, arms = settings.sensors, max(group.tree.arms for group in nominal.agent_groups)
-    if arms < 2 or settings.contact_forces.kind != "tip_sensors" or given.tip_force_N == 0:
+    if arms < 2 or settings.contact_forces.kind != "tip_sensors" or given.tip_force_N == 0 or not given.payload_imu:
         return None
     noise = contact_monitor.ReadingNoise(
         position=given.position_m,
@@ -353,9 +357,8 @@ def with_residual_corrector(
     predictor = residual_predictors.CorrectedResidual(base=base.residual_predictor, rate_attenuation=attenuation)
     if isinstance(corrector, kalman_correction.ResidualKalmanFilter):  # its error lags by the tip sensors only
         predictor = dataclasses.replace(predictor, lead_time=_tip_delay(settings))
-    if not settings.sensors.payload_imu:
-        delay = _payload_filter(settings, base.team).label_delay()
-        predictor = dataclasses.replace(predictor, payload_lead_time=delay)
+    if (found := _payload_filter(settings, base.team)) is not None:
+        predictor = dataclasses.replace(predictor, payload_lead_time=found.label_delay(1 / settings.control_Hz))
     return dataclasses.replace(base, residual_corrector=corrector, residual_predictor=predictor)
 
 
@@ -369,10 +372,9 @@ def _sensor_bandwidth(settings: schema.Scenario, team: Team) -> Array:
 
     A first-order lag with this bandwidth has the delay of tip force sensors and payload filter.
     """
-    if settings.sensors.payload_imu:
+    if (found := _payload_filter(settings, team)) is None:
         return array(settings.sensors.tip_force_bandwidth_Hz)
-    delay = _payload_filter(settings, team).label_delay()
-    zero = zero_residual(team)
+    delay, zero = found.label_delay(1 / settings.control_Hz), zero_residual(team)
     delays = dataclasses.replace(zero, payload=jax.tree.map(lambda x: x + delay, zero.payload))
     return 1 / (2 * jnp.pi * (_tip_delay(settings) + residual_correction.flatten(delays)))
 
@@ -442,7 +444,9 @@ def label_loop_gains(settings: schema.Scenario, team: Team) -> tuple[tuple[float
     gain, filters = gains(settings, team), _filters(settings)
     each = iter(
         [
-            label_feedback.label_loop_gain(agent, posture, gain, filters, thrust)
+            label_feedback.label_loop_gain(
+                agent, posture, gain, filters, thrust, encoders_alone=not settings.sensors.payload_imu
+            )
             for agent, posture, _, thrust in agents_in_hover(settings, team)
         ]
     )
@@ -470,15 +474,17 @@ def _pose_delay(settings: schema.Scenario) -> int | None:
     return max(delays, default=None)
 
 
-def _payload_filter(settings: schema.Scenario, nominal: Team) -> payload_filter.PayloadFilter:
-    """Return the filter of a payload without gyroscope and accelerometer.
+def _payload_filter(settings: schema.Scenario, nominal: Team) -> payload_filter.PayloadFilter | None:
+    """Return the filter of a payload without gyroscope and accelerometer; None if it has them.
 
     The corner frequency follows from the noise of the poses and the standard deviations of the residual, for position
     or attitude, whichever is smaller. It is at most the bandwidth of the tip force sensors, above which the contact
     wrench is not measured.
     """
     given, std = settings.sensors, np.asarray(priors.residual_std(settings, nominal)[0])
-    inertia = np.linalg.eigvalsh(np.asarray(nominal.payload.inertia))
+    if given.payload_imu:
+        return None
+    inertia = np.diag(np.asarray(nominal.payload.inertia))
     corners = [2 * np.pi * given.tip_force_bandwidth_Hz]
     for reading, noise, acceleration in (
         ("payload.p", given.position_m, (std[:3] / float(nominal.payload.mass)).mean()),
@@ -488,7 +494,7 @@ def _payload_filter(settings: schema.Scenario, nominal: Team) -> payload_filter.
         if noise > 0:
             period = 1 / min([settings.control_Hz, *rates])
             corners.append(payload_filter.corner_frequency(acceleration, noise, period))
-    return payload_filter.PayloadFilter(corner=array(min(corners)))
+    return payload_filter.PayloadFilter(corner=array(min(corners)), pose_delay=_pose_delay(settings) or 0)
 
 
 def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:

@@ -397,11 +397,17 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _payload_sensors(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    """Check that no model or fault concerns a gyroscope or accelerometer that the payload does not have."""
+    """Check that nothing requires a gyroscope or accelerometer that the payload does not have."""
     if _part(data, "sensors", "payload_imu") is not False:
         return
-    readings = [
-        (("sensors", "models", i, "channels"), name)
+    if _part(data, "contact_forces", "kind") == "least_squares":
+        yield (
+            ("contact_forces", "kind"),
+            "least_squares requires gyroscope and accelerometer of the payload: with sensors.payload_imu: false "
+            "its motion is estimated from the same contact forces; use momentum_observer",
+        )
+    readings: list[tuple[Location, str]] = [
+        (("sensors", "models", i, "channels"), str(name))
         for i, model in enumerate(_items(data, "sensors", "models"))
         for name in _items(model, "channels")
     ]

@@ -51,7 +51,7 @@ def to_messages(m: Measurement, ros_names: ros2_node.RosNames) -> dict[str, Any]
         messages[f"/{name}/velocity"] = kind("Vector3Stamped")(header, vector(reading.v))
         none, omega, a = np.zeros(9), vector(reading.omega), vector(reading.a)
         messages[f"/{name}/imu"] = kind("Imu")(header, q, none, omega, none, a, none)
-    for name, joints, arms, agent in zip(*ros_names, agents, strict=True):
+    for name, joints, arms, agent in zip(*ros_names[:3], agents, strict=True):
         if joints:
             order = np.arange(len(joints))[::-1]  # a message has its own order
             states = [joints[k] for k in order], agent.r[order], np.zeros(len(joints)), np.zeros(len(joints))
@@ -130,6 +130,20 @@ def test_names_are_valid_in_ros() -> None:
     agents = [agent.model_dump() | {"name": f"n-{i}"} for i, agent in enumerate(light.settings().agents)]
     ros_names = ros2_node.names(light.settings(agents=agents))
     assert ros_names == ros2_node.RosNames(agents=("n_0", "n_1", "n_2"), joints=((), (), ()), arms=(("hook",),) * 3)
+
+
+def test_a_payload_without_imu_has_no_topic_for_it() -> None:
+    """Readings that do not exist are NaN, as in the simulation; those of the agents are required."""
+    settings = light.settings(sensors={"payload_imu": False})
+    case_experiment, ros_names = experiment.make_experiment(settings, "C1"), ros2_node.names(settings)
+    found = ros2_node.topics(ros_names)
+    assert "/payload/imu" not in found
+    assert f"/{ros_names.agents[0]}/imu" in found
+    m = case_experiment.world.measure_at_rest(case_experiment.initial_state)
+    messages = {name: each for name, each in to_messages(m, ros_names).items() if name in found}
+    read = ros2_node.measurement_from_messages(case_experiment.controller.team, ros_names, messages)
+    assert np.isnan(read.payload.omega).all()
+    np.testing.assert_allclose(read.payload.p, m.payload.p)
 
 
 @pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")  # of ROS's parser of parameters

@@ -75,6 +75,16 @@ def test_loop_gain_depends_on_filter_bandwidths():
     assert label_feedback.label_loop_gain(agent, rest, gains, slow, 20.0) < 0.5 * gain
 
 
+def test_loop_gain_is_greater_with_encoders_alone():
+    """Without gyroscope of the payload, encoders determine all joint motions, and the labels are attenuated more."""
+    of = parts(HEAVY_ARMS)
+    gain = label_feedback.label_loop_gain(*of, force=20.0, encoders_alone=True)
+    assert gain > 100 * label_feedback.label_loop_gain(*of, force=20.0)
+    heavy = [*HEAVY_ARMS, "sensors.payload_imu=false"]
+    plan = experiment.make_experiment(scenario.load_scenario("trio", heavy), "label_feedback")
+    assert max(float(a.max()) for a in plan.controller.residual_predictor.rate_attenuation) < 0.5
+
+
 def test_rate_attenuation_is_one_to_a_half_and_zero_from_one():
     np.testing.assert_allclose(
         [label_feedback.rate_attenuation(g) for g in (0.0, 0.5, 0.75, 1.0, 3.0)], [1, 1, 0.5, 0, 0]

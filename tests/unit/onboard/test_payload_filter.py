@@ -74,13 +74,12 @@ def motion() -> tuple[NavState, np.ndarray, np.ndarray]:
     return truth, np.stack(rates), wrench
 
 
-@pytest.mark.parametrize(("every", "delay"), [(1, 0), (5, 5), (10, 12)])
-def test_residual_and_motion_are_estimated_from_late_poses(every, delay):
-    """With exact poses of any rate and delay, the estimates converge to motion and residual."""
-    truth, rates, wrench = motion()
+def estimates(every: int, delay: int) -> tuple[NavState, np.ndarray, np.ndarray]:
+    """Return poses and velocities, angular velocities and residuals from poses of a rate and a delay in periods."""
+    truth, _, wrench = motion()
     held, clocks = readings(truth, every, delay)
     clocks = dataclasses.replace(clocks, elapsed=jnp.maximum(clocks.elapsed, DT))
-    of = payload_filter.PayloadFilter(corner=jnp.array(CORNER))
+    of = payload_filter.PayloadFilter(corner=jnp.array(CORNER), pose_delay=delay)
     start = dataclasses.replace(of.init(TEAM), wrench=jnp.asarray(wrench))
 
     def step(past: Any, now: Any) -> tuple[Any, Any]:
@@ -90,6 +89,14 @@ def test_residual_and_motion_are_estimated_from_late_poses(every, delay):
 
     first = initial_history(jax.tree.map(lambda leaf: leaf[0], truth), delay + 1)
     _, (nav, omega, residual) = jax.lax.scan(step, (first, start), (held, clocks))
+    return nav, np.asarray(omega), np.asarray(residual)
+
+
+@pytest.mark.parametrize(("every", "delay"), [(1, 0), (5, 5), (10, 12)])
+def test_residual_and_motion_are_estimated_from_late_poses(every, delay):
+    """With exact poses of any rate and delay, the estimates converge to motion and residual."""
+    truth, rates, _ = motion()
+    nav, omega, residual = estimates(every, delay)
     np.testing.assert_allclose(residual[-1], [*FORCE, *MOMENT], rtol=0.02, atol=1e-4)
     np.testing.assert_allclose(nav.x[-1], truth.x[-1], atol=1e-3)
     np.testing.assert_allclose(nav.v[-1], truth.v[-1], atol=1e-2)
@@ -97,26 +104,48 @@ def test_residual_and_motion_are_estimated_from_late_poses(every, delay):
     np.testing.assert_allclose(nav.R[-1], truth.R[-1], atol=2e-3)
 
 
-def test_input_filter_equals_the_filter_of_the_residual():
+def test_late_poses_delay_the_residual_and_nothing_else():
+    """The estimate from late poses is that from poses without delay at the sample, predicted over the delay."""
+    every, delay = 5, 5
+    (late, _, d), (early, _, d_early) = estimates(every, delay), estimates(every, 0)
+    start = 300  # the first pose is used again when it arrives late
+    np.testing.assert_allclose(d[start:, :3], d_early[start - delay : len(d) - delay, :3], atol=1e-6)
+    _, _, wrench = motion()
+    a = (wrench[:3] + d[start:, :3]) / float(TEAM.payload.mass) + np.asarray(TEAM.gravity)
+    x, v = (np.asarray(leaf)[start - delay : len(d) - delay] for leaf in (early.x, early.v))
+    predicted = x + delay * DT * v + (delay * DT) ** 2 / 2 * a
+    np.testing.assert_allclose(late.x[start:], predicted, atol=1e-6)
+
+
+@pytest.mark.parametrize(("every", "delay"), [(1, 0), (5, 5), (10, 10)])
+def test_input_filter_equals_the_filter_of_the_residual(every, delay):
     """Inputs of the learned model and a residual force with the same course have the same lag."""
-    of, mass = payload_filter.PayloadFilter(corner=jnp.array(CORNER)), TEAM.payload.mass
-    signal = np.sin(3 * DT * np.arange(PERIODS))
-    rest = jnp.eye(3)
+    of = payload_filter.PayloadFilter(corner=jnp.array(CORNER), pose_delay=delay)
+    signal = np.sin(3 * DT * np.arange(PERIODS)) * float(TEAM.payload.mass)
+    a = signal / float(TEAM.payload.mass)
+    v = np.concatenate([[0], DT * np.cumsum(a[:-1])])
+    x = np.concatenate([[0], np.cumsum(DT * v[:-1] + DT**2 / 2 * a[:-1])])
+    truth = NavState(
+        R=jnp.broadcast_to(jnp.eye(3), (PERIODS, 3, 3)),
+        x=jnp.array(np.repeat(x[:, None], 3, 1)),
+        v=jnp.array(np.repeat(v[:, None], 3, 1)),
+    )
+    held, clocks = readings(truth, every, delay)
+    clocks = dataclasses.replace(clocks, elapsed=jnp.maximum(clocks.elapsed, DT))
 
     def step(past: Any, now: Any) -> tuple[Any, Any]:
-        (nav, state), (x, v) = past
-        measured = NavState(R=rest, x=x, v=v)
-        motion, state = of.update(TEAM, (nav, state), measured, jnp.ones(()), jnp.array(DT), None)
-        inputs, state = of.delay_inputs(state, jnp.full(24, now), jnp.ones(()), jnp.array(DT), None)
-        a = jnp.full(3, now)
-        moved = x + DT * v + DT**2 / 2 * a, v + DT * a
-        return ((motion.nav, state), moved), (state.residual[:3] / mass, inputs[:3])
+        measured, clock, value = now
+        found, state = of.update(TEAM, past, measured, jnp.ones(()), jnp.array(DT), clock)
+        inputs, state = of.delay_inputs(state, jnp.full(24, value), jnp.ones(()), jnp.array(DT), clock)
+        return (found.nav, state), (state.residual[:3], inputs[:3])
 
-    zero = jnp.zeros(3)
-    first = (NavState(R=rest, x=zero, v=zero), of.init(TEAM)), (zero, zero)
-    _, (residual, inputs) = jax.lax.scan(step, first, jnp.asarray(signal))
-    np.testing.assert_allclose(residual, inputs, atol=1e-9)
-    assert np.abs(np.asarray(inputs)[:, 0] - signal).max() > 0.1
+    first = initial_history(jax.tree.map(lambda leaf: leaf[0], truth), delay + 1), of.init(TEAM)
+    _, (residual, inputs) = jax.lax.scan(step, first, (held, clocks, jnp.asarray(signal)))
+    start = 4 * max(every, delay)
+    np.testing.assert_allclose(residual[start:], inputs[start:], atol=2e-3 * np.abs(signal).max())
+    lag = float(of.label_delay(DT)) + (every - 1) * DT / 2  # on average a pose is used for half its period more
+    expected = np.sin(3 * (DT * np.arange(PERIODS) - lag)) * float(TEAM.payload.mass)
+    np.testing.assert_allclose(residual[400:, 0], expected[400:], atol=0.05 * np.abs(signal).max())
 
 
 def test_corner_frequency_follows_from_noise_and_rate():
@@ -139,10 +168,11 @@ def test_corner_frequency_follows_from_noise_and_rate():
     [
         "sensors.models=[{kind: bias_random_walk, channels: [payload.a], random_walk_density: 0.1}]",
         "faults=[{kind: sensor, who: payload, reading: omega, start_s: 1}]",
+        "contact_forces={kind: least_squares}",
     ],
 )
-def test_models_of_missing_sensors_are_refused(wrong):
-    with pytest.raises(ScenarioError, match=r"does not exist.*payload_imu: false"):
+def test_settings_that_require_missing_sensors_are_refused(wrong):
+    with pytest.raises(ScenarioError, match=r"payload_imu: false"):
         scenario.load_scenario("paper", overrides=["sensors.payload_imu=false", wrong])
 
 

@@ -1,10 +1,10 @@
 """Stability limit of the feedback from an agent's labels to its attitude.
 
 Encoder rates pass a low-pass filter; base and tip readings do not. Encoders determine only those joint motions that do
-not move the tips (`state_estimator.joint_rates`). While an agent rotates about its tips, such joints can move. During
-the filter lag the label then contains the inertial force of the arms. The controller compensates this apparent residual
-by a change of attitude, which closes a feedback loop. Above a gain of 1 the loop can be unstable. The rate of the
-labels is therefore attenuated.
+not move the tips (`state_estimator.joint_rates`). If the payload has no gyroscope, they determine all joint motions.
+While an agent rotates about its tips, such joints can move. During the filter lag the label then contains the inertial
+force of the arms. The controller compensates this apparent residual by a change of attitude, which closes a feedback
+loop. Above a gain of 1 the loop can be unstable. The rate of the labels is therefore attenuated.
 
 See Also:
     docs/decisions/0052-stability-limits-of-residual-compensation: derivation and measured results.
@@ -31,6 +31,8 @@ def label_loop_gain(
     gains: tracking.Gains,
     filters: nav_filter.FilterBandwidths,
     force: float,
+    *,
+    encoders_alone: bool = False,
 ) -> float:
     """Compute the largest gain from an agent's angular acceleration through its labels back to it.
 
@@ -44,13 +46,14 @@ def label_loop_gain(
         gains: Feedback gains.
         filters: Bandwidths of the onboard filters.
         force: Magnitude of the thrust `|f|` [N].
+        encoders_alone: Whether all joint rates come from the encoders.
 
     Returns:
         The gain. Below 1 the loop is stable; from 1 on stability is not guaranteed. Infinite for zero thrust, and for
         a posture with straight arms, where the joint motion is not determined.
     """
     p, share, tilt = _posture_motion(agent, nominal_posture)
-    G = np.asarray(share) @ np.asarray(tilt)
+    G = np.asarray(tilt) if encoders_alone else np.asarray(share) @ np.asarray(tilt)
     com_motion = np.asarray(p.J_base)[:, 3:] @ G
     if not np.isfinite(com_motion).all():
         return np.inf

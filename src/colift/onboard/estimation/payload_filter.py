@@ -7,7 +7,7 @@ period and an estimated residual wrench `(d_F, d_tau)`. Poses correct the predic
 
 Each axis of position and attitude is then a chain of three integrators. Let q be the spectral density of the rate of
 the residual acceleration, and r that of the pose noise. The poles of the steady-state Kalman filter are the stable
-roots of ``s^6 = -q / r``: those of a third-order Butterworth filter with the corner frequency ``(q / r)^(1/6)``.
+roots of ``s^6 = q / r``: those of a third-order Butterworth filter with the corner frequency ``(q / r)^(1/6)``.
 
 References:
     Anderson, Moore, *Optimal Filtering*, 1979, ch. 4 (steady-state filter).
@@ -24,7 +24,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math import linalg, so3
-from colift.math.pytree import pytree
+from colift.math.pytree import pytree, static
 from colift.models.parameters import Team
 from colift.onboard.estimation import nav_filter
 from colift.onboard.estimation.nav_filter import NavState, ReadingClock
@@ -42,7 +42,7 @@ class PayloadFilterState:
     omega: Float[Array, "3"]  # rad/s, angular velocity, payload frame
     residual: Float[Array, "6"]  # residual wrench, N world and N m payload frame
     wrench: Float[Array, "6"]  # contact wrench, N world and N m payload frame
-    previous_inputs: Float[Array, "24"]  # inputs of the learned model in the previous control period
+    last_inputs: Float[Array, "periods 24"]  # inputs of the learned model, newest first, for the delay of the poses
     input_errors: Float[Array, "3 24"]  # inputs minus those with the lag of the residual, and their integrals
 
 
@@ -71,13 +71,19 @@ class PayloadFilter:
 
     Attributes:
         corner: Corner frequency [rad/s].
+        pose_delay: Delay of the poses, in control periods.
     """
 
     corner: Scalar
+    pose_delay: int = static(default=0)
 
-    def label_delay(self) -> Scalar:
-        """Return the delay ``2 / corner`` of the residual wrench [s]."""
-        return 2 / self.corner
+    def label_delay(self, dt: float) -> Scalar:
+        """Return the delay of the residual wrench: ``2 / corner`` and the delay of the poses [s].
+
+        Args:
+            dt: Control period [s].
+        """
+        return 2 / self.corner + self.pose_delay * dt
 
     def init(self, team: Team) -> PayloadFilterState:
         """Return the state at rest, in which the contact wrench balances gravity.
@@ -90,7 +96,7 @@ class PayloadFilter:
             omega=jnp.zeros(3),
             residual=jnp.zeros(6),
             wrench=weight,
-            previous_inputs=jnp.zeros(24),
+            last_inputs=jnp.zeros((1 + self.pose_delay, 24)),
             input_errors=jnp.zeros((3, 24)),
         )
 
@@ -104,11 +110,12 @@ class PayloadFilter:
     ) -> tuple[Float[Array, "24"], PayloadFilterState]:
         """Filter the inputs of the learned model as the filter does the residual acceleration.
 
-        The estimation error ``(e_x, e_v, e_a)`` of a chain of integrators follows from the change of its input alone::
+        The estimates follow from poses that are late by h. The filtered inputs are therefore those of ``t - h``. The
+        estimation error ``(e_x, e_v, e_a)`` of a chain of integrators follows from the change of its input alone::
 
             e_x <- e_x + dt e_v + dt^2 e_a / 2,    e_v <- e_v + dt e_a,    e_a <- e_a + change of the input
 
-        Each pose then subtracts the gains times ``e_x``. The estimated input is ``x - e_a``.
+        Each pose then subtracts the gains times ``e_x``. The filtered input is the delayed one minus ``e_a``.
 
         Args:
             state: State of the filter.
@@ -121,11 +128,14 @@ class PayloadFilter:
             The filtered inputs, and the state.
         """
         e_x, e_v, e_a = state.input_errors
-        predicted = jnp.stack([e_x + dt * e_v + dt * dt / 2 * e_a, e_v + dt * e_a, e_a + x - state.previous_inputs])
+        last = jnp.concatenate([x[None], state.last_inputs])  # the oldest two have the age of the poses
+        change = last[-2] - last[-1]
+        predicted = jnp.stack([e_x + dt * e_v + dt * dt / 2 * e_a, e_v + dt * e_a, e_a + change])
         is_new, interval = (jnp.ones(()), dt) if clock is None else (clock.is_new[1], clock.elapsed[1])
         gains = is_new * correction_gains(self.corner, interval)
         errors = initialized * (predicted - gains[:, None] * predicted[:1])
-        return x - errors[2], dataclasses.replace(state, previous_inputs=x, input_errors=errors)
+        held = initialized * (last[:-1] - x[None]) + x[None]
+        return held[-1] - errors[2], dataclasses.replace(state, last_inputs=held, input_errors=errors)
 
     def update(
         self,
@@ -139,8 +149,8 @@ class PayloadFilter:
         """Predict over one control period, and correct by the poses that arrive in it.
 
         A pose of age h is compared with the estimate at ``t - h``. It corrects this estimate, and the later ones by the
-        motion that follows from its correction. Measured velocities are not used, because motion capture derives them
-        from poses.
+        motion that follows from its correction. Earlier estimates are corrected like that at ``t - h``. Of the measured
+        velocities only the first one is used, because motion capture derives velocities from poses.
 
         Args:
             team: Nominal parameters.
@@ -167,7 +177,7 @@ class PayloadFilter:
         since = now.age[:2, None] - times[None]  # s, from the sample to each estimate
         (angle, rate, acceleration_R), (shift, velocity, acceleration_x) = (
             _corrections(initialized * correction_gains(self.corner, interval), jnp.maximum(time, 0.0))
-            for interval, time in zip(now.elapsed, since, strict=False)
+            for interval, time in zip(now.elapsed[:2], since, strict=True)
         )
         start = lambda given, corrected: given[None] + initialized * (corrected - given[None])  # noqa: E731
         fused = NavState(
@@ -175,9 +185,10 @@ class PayloadFilter:
             x=start(measured.x, history.x + shift[:, None] * e_x[None]),
             v=start(measured.v, history.v + velocity[:, None] * e_x[None]),
         )
-        omega = initialized * omega + rate[0] * e_R
+        e_now = history.R[0].T @ (R_h @ e_R)  # present payload frame
+        omega = initialized * omega + rate[0] * e_now
         residual = state.residual + jnp.concatenate(
-            [acceleration_x * team.payload.mass * e_x, acceleration_R * (team.payload.inertia @ e_R)]
+            [acceleration_x * team.payload.mass * e_x, acceleration_R * (team.payload.inertia @ e_now)]
         )
         next_state = dataclasses.replace(state, omega=omega, residual=residual)
         motion = PayloadMotion(

@@ -291,7 +291,8 @@ def _update(
     payload, balance, a, payload_state = _update_payload(
         team, estimator, dataclasses.replace(state, clocks=clocks), measurement, dt
     )
-    # Without gyroscope the payload's twist has more noise than encoder rates, whose square adds to the mean.
+    # Without gyroscope, the payload's angular velocity has more noise than the encoder rates. The variance of joint
+    # rates adds to the mean of the terms that are quadratic in them.
     closed = estimator.payload_filter is None and not isinstance(estimator.contact_forces, contact_forces.FreeFlight)
     found = _update_agents(team, filters, state, payload, measurement, applied, clocks and clocks[1], dt, closed)
     age, tips = _tip_reading_age(state, measurement, dt)
@@ -316,7 +317,7 @@ def _update(
     motion, inputs = payload_state.payload_filter, flatten_payload_state(payload, a)
     if motion is not None:
         assert estimator.payload_filter is not None  # for the type checker
-        poses = clocks and clocks[0]
+        payload_label, poses = motion.residual, clocks and clocks[0]
         inputs, motion = estimator.payload_filter.delay_inputs(motion, inputs, state.initialized, dt, poses)
         W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(averaged))
         motion = dataclasses.replace(motion, wrench=jnp.concatenate([W.F, W.tau]))
