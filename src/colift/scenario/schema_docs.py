@@ -116,7 +116,8 @@ class Schema:
             return f"list of {len(node['prefixItems'])}: {', '.join(sorted(inner))}"
         if "items" in node:
             return f"list: {self.type_label(node['items'])}"
-        word = {"number": "number", "integer": "whole number", "string": "text"}.get(node.get("type", ""), "")
+        words = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true or false"}
+        word = words.get(node.get("type", ""), "")
         return f"{word} {format_range(node)}".strip()
 
     def _variants(self, node: dict[str, Any]) -> list[dict[str, Any]]:

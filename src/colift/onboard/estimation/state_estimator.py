@@ -317,7 +317,7 @@ def _update(
     motion, inputs = payload_state.payload_filter, flatten_payload_state(payload, a)
     if motion is not None:
         assert estimator.payload_filter is not None  # for the type checker
-        payload_label, poses = motion.residual, clocks and clocks[0]
+        poses = clocks and clocks[0]
         inputs, motion = estimator.payload_filter.delay_inputs(motion, inputs, state.initialized, dt, poses)
         W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(averaged))
         motion = dataclasses.replace(motion, wrench=jnp.concatenate([W.F, W.tau]))
