@@ -314,13 +314,8 @@ def _update(
     W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(lam))
     payload_label = balance.y - jnp.concatenate([W.F, W.tau])
     averaged, filtered = _average(state, lam, b)
-    motion, inputs = payload_state.payload_filter, flatten_payload_state(payload, a)
-    if motion is not None:
-        assert estimator.payload_filter is not None  # for the type checker
-        poses = clocks and clocks[0]
-        inputs, motion = estimator.payload_filter.delay_inputs(motion, inputs, state.initialized, dt, poses)
-        W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(averaged))
-        motion = dataclasses.replace(motion, wrench=jnp.concatenate([W.F, W.tau]))
+    inputs = flatten_payload_state(payload, a)
+    inputs, motion = _advance_payload_filter(team, estimator, payload_state, payload.R, averaged, inputs, dt)
     next_state = dataclasses.replace(
         payload_state,
         agents=agents,
@@ -434,6 +429,25 @@ def _update_payload_without_imu(
     acceleration = jnp.concatenate([motion.specific_force, motion.omega_dot])
     next_state = dataclasses.replace(state, payload=motion.nav, omega=motion.omega, payload_filter=current)
     return payload, balance, acceleration, next_state
+
+
+def _advance_payload_filter(
+    team: Team,
+    estimator: ComplementaryFilter,
+    state: EstimatorState,
+    R: Float[Array, "3 3"],
+    lam: tuple[Float[Array, "_agents _arms 3"], ...],
+    x: Float[Array, "24"],
+    dt: Scalar,
+) -> tuple[Float[Array, "24"], PayloadFilterState | None]:
+    """Return the inputs of the payload's model with the lag of its label, and the filter with its contact wrench."""
+    current = state.payload_filter
+    if current is None or estimator.payload_filter is None:
+        return x, None
+    poses = state.clocks and state.clocks[0]
+    x, current = estimator.payload_filter.delay_inputs(current, x, state.initialized, dt, poses)
+    W = grasp.payload_wrench(grasp.contact_points(team), R, grasp.stack_contacts(lam))
+    return x, dataclasses.replace(current, wrench=jnp.concatenate([W.F, W.tau]))
 
 
 def _average(

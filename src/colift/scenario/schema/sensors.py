@@ -83,7 +83,7 @@ class Sensors(Section):
     tip_force_bandwidth_Hz: fields.Bandwidth = 50.0
     """Bandwidth of the first-order lag of the tip force sensors."""
     payload_imu: bool = True
-    """Whether the payload has gyroscope and accelerometer; without them a Kalman filter estimates its motion."""
+    """Gyroscope and accelerometer of the payload; without them a Kalman filter estimates its motion."""
     models: Annotated[
         tuple[Annotated[Intermittent | BiasRandomWalk | Plugin, Field(discriminator="kind")], ...],
         Field(max_length=MAX_ENTRIES),
