@@ -25,6 +25,7 @@ from jaxtyping import Array, Float
 
 from colift.math import linalg, so3
 from colift.math.pytree import pytree, static
+from colift.models import grasp
 from colift.models.parameters import Team
 from colift.onboard.estimation import nav_filter
 from colift.onboard.estimation.nav_filter import NavState, ReadingClock
@@ -198,6 +199,20 @@ class PayloadFilter:
             omega_dot=_angular_acceleration(team, next_state),
         )
         return motion, next_state
+
+
+def contact_wrench(
+    team: Team, R: Float[Array, "3 3"], lam: tuple[Float[Array, "_agents _arms 3"], ...]
+) -> Float[Array, "6"]:
+    """Return the wrench of the contact forces on the payload [N world, N m payload frame].
+
+    Args:
+        team: Nominal parameters.
+        R: Attitude of the payload, payload frame to world.
+        lam: Contact forces on the payload [N, world], by group.
+    """
+    W = grasp.payload_wrench(grasp.contact_points(team), R, grasp.stack_contacts(lam))
+    return jnp.concatenate([W.F, W.tau])
 
 
 def _corrections(gains: Float[Array, "3"], time: Float[Array, "periods"]) -> tuple[Array, Array, Scalar]:

@@ -33,7 +33,7 @@ from colift.math.filters import (
     update,
 )
 from colift.math.pytree import pytree, static
-from colift.models import aerial_manipulator, grasp, inverse_dynamics
+from colift.models import aerial_manipulator, inverse_dynamics
 from colift.models.measurement import AgentReading, Measurement, PayloadReading
 from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import (
@@ -55,7 +55,7 @@ from colift.onboard.estimation.contact_forces import (
     TipSensors,
 )
 from colift.onboard.estimation.nav_filter import FilterBandwidths, ImuBias, NavState, ReadingClock
-from colift.onboard.estimation.payload_filter import PayloadFilter, PayloadFilterState
+from colift.onboard.estimation.payload_filter import PayloadFilter, PayloadFilterState, contact_wrench
 from colift.onboard.estimation.tip_readings import TipReadings, initial_tip_readings, update_tip_readings
 
 Scalar = Float[Array, ""]
@@ -296,26 +296,24 @@ def _update(
     closed = estimator.payload_filter is None and not isinstance(estimator.contact_forces, contact_forces.FreeFlight)
     found = _update_agents(team, filters, state, payload, measurement, applied, clocks and clocks[1], dt, closed)
     age, tips = _tip_reading_age(state, measurement, dt)
-    forces = estimator.contact_forces.estimate(
-        team,
-        TeamBalance(agents=tuple(each for _, each, _ in found), payload=balance, reading_age=age, f_hat=f_hat),
-    )
+    balances = TeamBalance(agents=tuple(each for _, each, _ in found), payload=balance, reading_age=age, f_hat=f_hat)
+    forces = estimator.contact_forces.estimate(team, balances)
     interval = state.time_since_label + dt
     # In periods without labels the filters of labels and inputs hold their values.
     b = forces.valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
     filter_labels = jax.vmap(_filter_agent_label, in_axes=(0, 0, 0, None, None))
-    labels, agents, lam = zip(
-        *(
-            filter_labels(agent_state, of_agents, base_frame, b, state.initialized)
-            for (_, of_agents, agent_state), base_frame in zip(found, forces.base_frame, strict=True)
-        ),
-        strict=True,
+    filtered_agents = (
+        filter_labels(agent_state, of_agents, base_frame, b, state.initialized)
+        for (_, of_agents, agent_state), base_frame in zip(found, forces.base_frame, strict=True)
     )
-    W = grasp.payload_wrench(grasp.contact_points(team), payload.R, grasp.stack_contacts(lam))
-    payload_label = balance.y - jnp.concatenate([W.F, W.tau])
+    labels, agents, lam = zip(*filtered_agents, strict=True)
+    payload_label = balance.y - contact_wrench(team, payload.R, lam)
     averaged, filtered = _average(state, lam, b)
-    inputs = flatten_payload_state(payload, a)
-    inputs, motion = _advance_payload_filter(team, estimator, payload_state, payload.R, averaged, inputs, dt)
+    inputs, motion = flatten_payload_state(payload, a), payload_state.payload_filter
+    if estimator.payload_filter is not None and motion is not None:
+        motion = dataclasses.replace(motion, wrench=contact_wrench(team, payload.R, averaged))
+        poses = clocks and clocks[0]
+        inputs, motion = estimator.payload_filter.delay_inputs(motion, inputs, state.initialized, dt, poses)
     next_state = dataclasses.replace(
         payload_state,
         agents=agents,
@@ -429,25 +427,6 @@ def _update_payload_without_imu(
     acceleration = jnp.concatenate([motion.specific_force, motion.omega_dot])
     next_state = dataclasses.replace(state, payload=motion.nav, omega=motion.omega, payload_filter=current)
     return payload, balance, acceleration, next_state
-
-
-def _advance_payload_filter(
-    team: Team,
-    estimator: ComplementaryFilter,
-    state: EstimatorState,
-    R: Float[Array, "3 3"],
-    lam: tuple[Float[Array, "_agents _arms 3"], ...],
-    x: Float[Array, "24"],
-    dt: Scalar,
-) -> tuple[Float[Array, "24"], PayloadFilterState | None]:
-    """Return the inputs of the payload's model with the lag of its label, and the filter with its contact wrench."""
-    current = state.payload_filter
-    if current is None or estimator.payload_filter is None:
-        return x, None
-    poses = state.clocks and state.clocks[0]
-    x, current = estimator.payload_filter.delay_inputs(current, x, state.initialized, dt, poses)
-    W = grasp.payload_wrench(grasp.contact_points(team), R, grasp.stack_contacts(lam))
-    return x, dataclasses.replace(current, wrench=jnp.concatenate([W.F, W.tau]))
 
 
 def _average(
