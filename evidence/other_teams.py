@@ -43,11 +43,7 @@ def draw(team: str, sample: int) -> tuple[Scenario, dict[str, Any]]:
     data["payload_mass_step"] = step | {"mass_kg": step["mass_kg"] * base.payload.mass_kg / paper_mass}
     data["reference"]["departure"] = changes["reference"]["departure"]
     data["actuators"], data["nominal"]["actuators"] = changes["actuators"], changes["nominal"]["actuators"]
-    data["sensors"] |= {
-        name: x * parameters["noise_scale"]
-        for name, x in data["sensors"].items()
-        if isinstance(x, float) and "Hz" not in name
-    }
+    data["sensors"] |= react.scaled_noise(data["sensors"], parameters["noise_scale"])
     data["sensors"]["models"] = [{**model, "rate_Hz": base.control_Hz} for model in changes["sensors"]["models"]]
     data["control"]["preview_step_s"] = changes["control"]["preview_step_s"]
     data["seed"] = changes["seed"]
@@ -59,12 +55,7 @@ def simulate_item(item: str) -> dict[str, Any]:
     team, sample = item.split()
     settings, parameters = draw(team, int(sample))
     experiments = experiment.make_experiments(settings, CASES)
-    return {"sample": parameters, **{case: _finite(react.simulate_case(plan)) for case, plan in experiments.items()}}
-
-
-def _finite(metrics: dict[str, Any]) -> dict[str, Any]:
-    """Return the metrics of a flight with None in place of those that a flight that ended early does not have."""
-    return {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in metrics.items()}
+    return {"sample": parameters, **{case: react.simulate_case(plan) for case, plan in experiments.items()}}
 
 
 def items(team: str) -> list[str]:

@@ -68,11 +68,7 @@ def draw(sample: int, key: int = KEY) -> tuple[Scenario, dict[str, Any]]:
     true, nominal = parameters["delay_ticks"]
     data["actuators"] = {"kind": "motors", "bandwidth_Hz": fast, "delay_s": true * tick}
     data["nominal"]["actuators"] = {"bandwidth_Hz": fast / parameters["nominal_lag_ratio"], "delay_s": nominal * tick}
-    data["sensors"] |= {
-        name: x * parameters["noise_scale"]
-        for name, x in data["sensors"].items()
-        if isinstance(x, float) and "Hz" not in name
-    }
+    data["sensors"] |= scaled_noise(data["sensors"], parameters["noise_scale"])
     ended = {
         "kind": "intermittent",
         "channels": ["agents.lam"],
@@ -83,6 +79,11 @@ def draw(sample: int, key: int = KEY) -> tuple[Scenario, dict[str, Any]]:
     data["control"]["preview_step_s"] = preview.PREVIEW_STEP
     data["seed"] = 1000 * (1 + key - KEY) + sample
     return Scenario.model_validate(data), parameters
+
+
+def scaled_noise(sensors: dict[str, Any], scale: float) -> dict[str, float]:
+    """Return the standard deviations of sensors, multiplied by a factor."""
+    return {name: x * scale for name, x in sensors.items() if isinstance(x, float) and "Hz" not in name}
 
 
 def simulate_item(item: str) -> dict[str, Any]:
@@ -117,11 +118,11 @@ def decaying(held_correction: Experiment, adaptive: Experiment) -> Experiment:
 
 
 def simulate_case(case_experiment: Experiment) -> dict[str, Any]:
-    """Return the stored metrics of a flight."""
+    """Return the stored metrics of a flight; None for those that a flight that ended early does not have."""
     flight = run_experiment(case_experiment)
     rows, late = flight.records, flight.records.t >= EVALUATION_START
     first_second = late & (rows.t < EVALUATION_START + 1)
-    return {
+    found = {
         "e_p_rms_m": metrics.rms_norm(rows.e_p[late]) if late.any() else None,
         "e_p_rms_first_second_m": metrics.rms_norm(rows.e_p[first_second]) if first_second.any() else None,
         "termination_reason": flight.termination_reason,
@@ -131,6 +132,7 @@ def simulate_case(case_experiment: Experiment) -> dict[str, Any]:
             for name, span in (("second_half", SECOND_HALF), ("after_change", AFTER_CHANGE))
         },
     }
+    return {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in found.items()}
 
 
 def miscoverage(flight: FlightResult, start: float, end: float) -> float | None:
