@@ -7,15 +7,15 @@ input that exceeds `MAX_CPU_TIME` or `MAX_TIME`, is a fault too.
 
 from __future__ import annotations
 
+import functools
 import json
-import mmap
 import multiprocessing
 import os
 import signal
-import struct
 import tempfile
 import time
 import warnings
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -56,20 +56,29 @@ def run_block(item: str) -> dict[str, Any]:
     name, _, number = item.rpartition(" ")
     count = BLOCKS[name].inputs
     first = int(number) * count
-    with mmap.mmap(-1, 8) as current, tempfile.TemporaryDirectory() as folder:
+    context, current = _context(), _context().RawValue("q", first)
+    with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result.json"
-        process = multiprocessing.get_context("fork").Process(
+        process = context.Process(
             target=_read_inputs, args=(name, range(first, first + count), Path(folder), current, result)
         )
         process.start()
         fault = _watch(process, current)
         if result.exists():
             return json.loads(result.read_text())
-        (seed,) = struct.unpack("q", current[:8])
+        seed = current.value
         return {"inputs": seed - first + 1, "faults": {str(seed): fault or f"ends with {process.exitcode}"}}
 
 
-def _read_inputs(name: str, seeds: range, folder: Path, current: mmap.mmap, result: Path) -> None:
+@functools.cache
+def _context() -> ForkServerContext:
+    """Return a server that has imported the readers and forks itself; it has no threads of JAX, which could block."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tests.support.fuzz_readers"])
+    return context
+
+
+def _read_inputs(name: str, seeds: range, folder: Path, current: Any, result: Path) -> None:
     """Read the inputs of some seeds and write the result; the number of the current seed is shared."""
     null = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):  # libraries print on invalid input
@@ -77,7 +86,7 @@ def _read_inputs(name: str, seeds: range, folder: Path, current: mmap.mmap, resu
     warnings.simplefilter("ignore")
     found: dict[str, Any] = {"inputs": len(seeds), "read": 0, "refused": 0, "faults": {}}
     for seed in seeds:
-        current[:8] = struct.pack("q", seed)
+        current.value = seed
         fault = fuzz_readers.check(name, seed, folder)
         if fault:
             found["faults"][str(seed)] = fault
@@ -89,13 +98,13 @@ def _read_inputs(name: str, seeds: range, folder: Path, current: mmap.mmap, resu
     os._exit(0)
 
 
-def _watch(process: Any, current: mmap.mmap) -> str:
+def _watch(process: Any, current: Any) -> str:
     """Wait for a process; end it if one input takes too long."""
-    last, since, used = current[:8], time.monotonic(), 0.0
+    last, since, used = current.value, time.monotonic(), 0.0
     while process.is_alive():
         process.join(0.2)
-        if current[:8] != last:
-            last, since, used = current[:8], time.monotonic(), _cpu_time(process.pid)
+        if current.value != last:
+            last, since, used = current.value, time.monotonic(), _cpu_time(process.pid)
             continue
         cpu, wall = _cpu_time(process.pid) - used, time.monotonic() - since
         if cpu > MAX_CPU_TIME or wall > MAX_TIME:

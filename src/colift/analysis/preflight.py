@@ -225,7 +225,7 @@ def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
     payload_mass, nominal_mass = float(truth.payload.mass), float(nominal.payload.mass)
     total, thrust = (
         payload_mass + sum(agents.values()),
-        float(sum(group.thrust_max.sum() for group in truth.agent_groups)),
+        float(sum(np.asarray(group.thrust_max).sum() for group in truth.agent_groups)),
     )
     weight = total * float(np.linalg.norm(truth.gravity))
     nominal_note = f" (nominal {nominal_mass:.4g} kg)" if nominal_mass != payload_mass else ""

@@ -382,7 +382,9 @@ def _undisturbed_loop(
             healthy = dataclasses.replace(healthy, estimator=estimator)
         experiment = dataclasses.replace(experiment, controller=healthy)
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
-    noise = experiment.world.sample_noise(jax.random.key(0), flight.ticks_per_chunk(experiment))
+    ticks = flight.ticks_per_chunk(experiment)
+    drawn = jax.eval_shape(lambda world, key: world.sample_noise(key, ticks), experiment.world, jax.random.key(0))
+    noise = jax.tree.map(_zeros_like, drawn)
     start = simulator.reset(experiment.loop_config, state)
     max_delay = max(
         (sensor.delay for sensor in experiment.world.sensor_models if isinstance(sensor, sensors.Intermittent)),
@@ -580,15 +582,20 @@ def _residual(setup: simulator.LoopConfig, loop: simulator.LoopState, noise: Wor
 
 def _without_disturbances(world: SimulatedWorld) -> SimulatedWorld:
     """Return the world without disturbances and faults, and with ideal sensors sampled at every tick."""
-    zero_noise = jax.tree.map(jnp.zeros_like, world.sensors)
+    zero_noise = jax.tree.map(_zeros_like, world.sensors)
     return dataclasses.replace(
         world,
-        disturbance_scale=jnp.zeros_like(world.disturbance_scale),
+        disturbance_scale=_zeros_like(world.disturbance_scale),
         sensors=dataclasses.replace(zero_noise, tip_force_bandwidth=world.sensors.tip_force_bandwidth),
-        tip_force_bias=jax.tree.map(jnp.zeros_like, world.tip_force_bias),
+        tip_force_bias=jax.tree.map(_zeros_like, world.tip_force_bias),
         sensor_models=tuple(map(_ideal_sensor, world.sensor_models)),
         faults=None,
     )
+
+
+def _zeros_like(x: jax.Array | jax.ShapeDtypeStruct) -> jax.Array:
+    """Return zeros from the host, without a program for each shape."""
+    return jax.device_put(np.zeros(x.shape, x.dtype))
 
 
 def _ideal_sensor(sensor: sensors.SensorModel) -> sensors.SensorModel:

@@ -92,7 +92,7 @@ def _free_flight(
         kinds = np.array([JOINT_AMPLITUDE[prismatic] for prismatic in group.tree.prismatic])
         amplitude.append(array(np.broadcast_to(kinds, q.r.shape)))
         frequency.append(array(np.broadcast_to(np.linspace(*JOINT_FREQUENCIES, group.tree.joints), q.r.shape)))
-    start = controller.reference.evaluate(jnp.zeros(())).p
+    start = trajectories.setpoint(controller.reference, array(0.0)).p
     agents = free_flight.FreeFlightController(
         gains=controllers.gains(settings, team),
         yaw=trajectories.headings(settings),

@@ -197,7 +197,7 @@ def _label_noise(settings: schema.Scenario, nominal: Team) -> tuple[Array, ...]:
     return label_noise.covariances(
         nominal,
         tuple(rotations(jnp.array([0.0, 0.0, 1.0]), yaw) for yaw in trajectories.headings(settings)),
-        trajectories.make_reference(settings).evaluate(jnp.zeros(())).R,
+        trajectories.setpoint(trajectories.make_reference(settings), array(0.0)).R,
         team_module.nominal_posture(settings),
         label_noise.NoiseSources(
             angular_velocity=array(given.angular_velocity_radps),

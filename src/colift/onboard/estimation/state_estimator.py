@@ -210,7 +210,7 @@ class ComplementaryFilter:
     """
 
     filters: FilterBandwidths
-    contact_forces: ContactForceEstimator = TipSensors()
+    contact_forces: ContactForceEstimator = dataclasses.field(default_factory=TipSensors)
     pose_delay: int | None = static(default=None)
     detects_stuck_tips: bool = static(default=False)
     payload_filter: PayloadFilter | None = None
