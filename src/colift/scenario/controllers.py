@@ -244,7 +244,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         estimator=state_estimator.ComplementaryFilter(
             filters=_filters(settings),
             contact_forces=_contact_forces(settings, nominal),
-            pose_delay=_pose_delay(settings),
+            pose_delay=_pose_delay(settings, *nav_filter.CHANNELS),
             detects_stuck_tips=settings.contact_forces.kind == "tip_sensors" and settings.sensors.tip_force_N > 0,
             payload_filter=_payload_filter(settings, nominal),
         ),
@@ -463,9 +463,9 @@ def _filters(settings: schema.Scenario) -> nav_filter.FilterBandwidths:
     )
 
 
-def _pose_delay(settings: schema.Scenario) -> int | None:
-    """Return the largest delay of slow or late poses and velocities in ticks; None without such readings."""
-    channels = set(itertools.chain(*nav_filter.CHANNELS.values()))
+def _pose_delay(settings: schema.Scenario, *bodies: str) -> int | None:
+    """Return the largest delay of slow or late poses and velocities of some bodies in ticks; None without such ones."""
+    channels = set(itertools.chain(*(nav_filter.CHANNELS[body] for body in bodies)))
     delays = [
         round(model.delay_s * settings.control_Hz)
         for model in settings.sensors.models
@@ -494,7 +494,7 @@ def _payload_filter(settings: schema.Scenario, nominal: Team) -> payload_filter.
         if noise > 0:
             period = 1 / min([settings.control_Hz, *rates])
             corners.append(payload_filter.corner_frequency(acceleration, noise, period))
-    return payload_filter.PayloadFilter(corner=array(min(corners)), pose_delay=_pose_delay(settings) or 0)
+    return payload_filter.PayloadFilter(corner=array(min(corners)), pose_delay=_pose_delay(settings, "payload") or 0)
 
 
 def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:

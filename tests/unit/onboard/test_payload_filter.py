@@ -163,6 +163,14 @@ def test_corner_frequency_follows_from_noise_and_rate():
     assert corner(position_m=0.0, attitude_deg=0.0) == pytest.approx(2 * np.pi * 50)
 
 
+def test_late_poses_of_agents_do_not_delay_the_payload():
+    late = [{"kind": "intermittent", "channels": ["agents.R", "agents.x"], "rate_Hz": 100, "delay_s": 0.01}]
+    made = light.settings(sensors={"payload_imu": False, "models": late})
+    estimator = experiment.make_experiment(made, "C1").controller.estimator
+    assert estimator.pose_delay == round(0.01 * made.control_Hz)
+    assert estimator.payload_filter.pose_delay == 0
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
