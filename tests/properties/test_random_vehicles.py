@@ -15,7 +15,7 @@ from colift import scenario
 from colift.cli.app import app
 from tests.unit.models import test_urdf as trees
 
-MAX_CHECK_TIME = 200.0  # s of processor time; an agent with ten joints takes 140
+MAX_CHECK_TIME = 60.0  # s of processor time
 
 
 def written(seed: int, folder: Path) -> tuple[Path, Result]:

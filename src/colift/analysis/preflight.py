@@ -45,7 +45,7 @@ from colift.scenario import (
 )
 
 MAX_GRASP_CONDITION = 30.0  # of the grasp matrix with moments divided by the RMS distance of the contacts
-MAX_LINEARIZED_JOINTS = 10  # of an agent; the time of compilation grows with them
+MAX_LINEARIZED_JOINTS = 8  # of an agent; the time of compilation grows with them, with 10 to 100 s
 MAX_BUILT_JOINTS = 16  # of an agent; the equations of a larger one take more than a minute to compile
 SAMPLE_TIMES = 400  # times on the reference at which the required thrust is evaluated
 WEAK_THRUST_MARGIN = 0.2  # share of the largest thrust below which the remaining thrust is weak

@@ -35,8 +35,8 @@ FrozenOption = Annotated[
     typer.Option(
         "--frozen",
         metavar="JOINT",
-        help="Joint of the file to fix; repeatable, or separated by commas; default: rotors, fingers and joints "
-        "that carry no tip.",
+        help="Joint of the file to fix besides rotors, fingers and joints that carry no tip; repeatable, or separated "
+        "by commas. An empty name fixes none.",
     ),
 ]
 TipsOption = Annotated[

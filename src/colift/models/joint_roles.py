@@ -7,6 +7,7 @@ kinematics, inertia, names, motor plugins and transmissions. Every result is a p
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import re
 from collections.abc import Iterator
 
@@ -23,6 +24,7 @@ from colift.models.link_tree import (
     merge_links,
     skeleton,
 )
+from colift.models.robot import Joint
 
 ROTOR_NAME = re.compile(r"rotor|thrust|propell|airscrew|(?<![a-z])(props?|blades?|fans?)(?![a-z])", re.IGNORECASE)
 FINGER_NAME = re.compile(r"finger|gripper|jaw|claw|knuckle|thumb|pincer|(?<![a-z])grip(?![a-z])", re.IGNORECASE)
@@ -36,13 +38,13 @@ HAND_NAME = re.compile(
     re.IGNORECASE,
 )
 MIN_ROTOR_RANGE = 2 * np.pi  # rad, a smaller range of positions excludes a rotor
-MAX_ROTOR_TILT = np.deg2rad(20.0)  # of the axis of a rotor without a name against the thrust
 MAX_NAMED_MASS_RATIO = 0.2  # mass of a rotor with a name, over the mass of the file
 MAX_ROTOR_MASS_RATIO = 0.05  # mass of a rotor without a name, over the mass of the file
 MAX_ROTOR_INERTIA_RATIO = 0.05  # largest moment of such a rotor over that of the base
 MIN_ALIKE_ROTORS = 3  # rotors without a name that are alike; fewer could be joints of an arm
 HOOK_RATIO, DEFAULT_RADIUS = 0.65, 0.15  # depth of a hook over the radius of gyration of the base; m
 MASS_TOLERANCE = 0.01  # relative difference of alike rotors
+PARALLEL = 0.9  # cosine of the angle between the axes of fingers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +62,7 @@ class JointRoles:
     Attributes:
         rotors: Joints of rotors.
         grippers: Joints of the fingers of each gripper.
-        idle: Other joints that carry no tip, such as gimbals of sensors.
+        idle: Other joints that do not move: chosen by the user, without a range, or without a tip, such as gimbals.
         tips: Points that can hold a payload.
         rests_on_base: True if no arm was found, so that the base holds the payload.
     """
@@ -82,18 +84,19 @@ def classify(tree: LinkTree, frozen: tuple[str, ...] | None = None, tips: tuple[
 
     Args:
         tree: Links and joints.
-        frozen: Joints that the user freezes; only these are rotors, fingers or idle then; None for a proposal.
+        frozen: Joints that the user freezes besides those that are found; empty to freeze none; None for a proposal.
         tips: Links that hold the payload; empty for a proposal.
 
     Returns:
         The roles.
     """
-    rotors = tuple(joint.name for joint in _rotors(tree) if frozen is None or joint.name in frozen)
-    grippers = tuple(_grippers(tree, set(rotors)))
-    if frozen is not None:
-        grippers = tuple(kept for group in grippers if (kept := tuple(name for name in group if name in frozen)))
+    find = frozen is None or len(frozen) > 0
+    rotors = tuple(joint.name for joint in _rotors(tree)) if find else ()
+    grippers = tuple(_grippers(tree, set(rotors))) if find else ()
     fingers = {joint for group in grippers for joint in group}
-    fixed = {name: frozen_joint_position(tree, name, {}) for name in {*rotors, *fingers, *(frozen or ())}}
+    locked = tuple(joint.name for joint in tree.moving if find and joint.limits.leave_no_range)
+    stated = tuple(name for name in dict.fromkeys((*(frozen or ()), *locked)) if name not in {*rotors, *fingers})
+    fixed = {name: frozen_joint_position(tree, name, {}) for name in {*rotors, *fingers, *stated}}
     found = skeleton(tree, fixed)
     proposals, on_base = tuple(TipProposal(link) for link in tips), False
     if not tips:
@@ -106,10 +109,8 @@ def classify(tree: LinkTree, frozen: tuple[str, ...] | None = None, tips: tuple[
         while body:
             carriers.add(body)
             body = found.joints[body - 1].parent
-    idle = tuple(joint.name for k, joint in enumerate(found.joints) if k + 1 not in carriers)
-    if frozen is not None:
-        idle = tuple(name for name in frozen if name not in {*rotors, *fingers})
-    return JointRoles(rotors=rotors, grippers=grippers, idle=idle, tips=proposals, rests_on_base=on_base)
+    idle = tuple(joint.name for k, joint in enumerate(found.joints) if find and k + 1 not in carriers)
+    return JointRoles(rotors=rotors, grippers=grippers, idle=(*stated, *idle), tips=proposals, rests_on_base=on_base)
 
 
 # Rotors ---------------------------------------------------------------------------------------------------------------
@@ -135,7 +136,7 @@ def _rotors(tree: LinkTree) -> list[LinkJoint]:
     """Return the joints of rotors.
 
     A rotor is a leaf that turns without limits. It is driven by a motor plugin or a rotor transmission, or it has the
-    name of a rotor and little mass. Otherwise several alike leaves of little inertia must turn about the thrust axis.
+    name of a rotor and little mass. Otherwise several alike leaves on the base must be light and balanced.
     """
     total, certain, alike = _mass(tree, list(tree.links)), [], []
     for joint in tree.moving:
@@ -146,7 +147,7 @@ def _rotors(tree: LinkTree) -> list[LinkJoint]:
         named = any(ROTOR_NAME.search(name) for name in (joint.name, joint.child))
         if joint.name in tree.rotor_drives or (named and share < MAX_NAMED_MASS_RATIO):
             certain.append(joint)
-        elif joint.name not in tree.servo_drives and share < MAX_ROTOR_MASS_RATIO and _spins_about_thrust(tree, joint):
+        elif joint.name not in tree.servo_drives and share < MAX_ROTOR_MASS_RATIO and _is_balanced(tree, joint):
             alike.append(joint)
     masses = {joint.name: _mass(tree, _subtree(tree, joint.child)[0]) for joint in alike}
     return certain + [
@@ -163,13 +164,11 @@ def _turns_freely(joint: LinkJoint) -> bool:
     return joint.kind != PRISMATIC and (joint.kind == CONTINUOUS or wide)
 
 
-def _spins_about_thrust(tree: LinkTree, joint: LinkJoint) -> bool:
-    """Return whether a joint on the base turns a light and balanced body about the thrust axis."""
+def _is_balanced(tree: LinkTree, joint: LinkJoint) -> bool:
+    """Return whether a joint on the base turns a light and balanced body."""
     found = skeleton(tree, {})
-    placement = found.placements[joint.parent]
-    axis = placement.rotation @ joint.rotation @ joint.axis
     body, base = tree.links[joint.child].inertial, merge_links(tree, found.members[0], found.placements)
-    if placement.body != 0 or abs(axis[2]) < np.cos(MAX_ROTOR_TILT) or body is None or base is None:
+    if found.placements[joint.parent].body != 0 or body is None or base is None:
         return False
     lever = np.linalg.norm(np.cross(body.com, joint.axis))
     radius = np.sqrt(np.abs(body.inertia).max() / max(body.mass, 1e-12))
@@ -184,7 +183,7 @@ def _grippers(tree: LinkTree, taken: set[str]) -> Iterator[tuple[str, ...]]:
     """Yield the joints of the fingers of each gripper.
 
     Fingers are the joints below one body whose names, or those of the links they move, are names of fingers; or a pair
-    of leaves that slide in opposite directions, or of which one follows the other.
+    of leaves that close against each other.
     """
     found = skeleton(tree, dict.fromkeys(taken, 0.0))
     for body in range(len(found.members)):
@@ -201,16 +200,30 @@ def _grippers(tree: LinkTree, taken: set[str]) -> Iterator[tuple[str, ...]]:
 
 
 def _pairs(tree: LinkTree, found: Skeleton, body: int) -> Iterator[tuple[str, str]]:
-    """Yield pairs of leaves on one body that slide in opposite directions, or of which one follows the other."""
+    """Yield pairs of leaves on one body that close against each other, see `_oppose`."""
     parents = {joint.parent for joint in found.joints}
-    leaves = [(k, joint) for k, joint in enumerate(found.joints) if joint.parent == body and k + 1 not in parents]
-    for i, (_, a) in enumerate(leaves):
-        for _, b in leaves[i + 1 :]:
-            couplings = tree.joints[a.name].coupling, tree.joints[b.name].coupling
-            followed = [coupling.joint for coupling in couplings if coupling is not None]
-            opposite = (a.rotation @ a.axis) @ (b.rotation @ b.axis) < -0.9
-            if {a.name, b.name} & set(followed) or (a.prismatic and b.prismatic and opposite):
-                yield a.name, b.name
+    leaves = [joint for k, joint in enumerate(found.joints) if joint.parent == body and k + 1 not in parents]
+    for a, b in itertools.combinations(leaves, 2):
+        if _oppose(tree, a, b):
+            yield a.name, b.name
+
+
+def _oppose(tree: LinkTree, a: Joint, b: Joint) -> bool:
+    """Return whether one of two leaves follows the other, or both are of one kind and move in opposite directions.
+
+    Parallel axes have opposite directions if their limits are on both sides of zero. Leaves that rotate on the base are
+    arms.
+    """
+    couplings = tree.joints[a.name].coupling, tree.joints[b.name].coupling
+    if {a.name, b.name} & {coupling.joint for coupling in couplings if coupling is not None}:
+        return True
+    if a.prismatic != b.prismatic or (a.parent == 0 and not a.prismatic):
+        return False
+    cosine = (a.rotation @ a.axis) @ (b.rotation @ b.axis)
+    if cosine < -PARALLEL:
+        return True
+    sides = {np.sign(sum(limits)) for limits in (a.limits.position, b.limits.position) if limits is not None}
+    return bool(cosine > PARALLEL and sides == {-1, 1})
 
 
 # Tips -----------------------------------------------------------------------------------------------------------------

@@ -107,6 +107,7 @@ class LinkTree:
         rotor_drives: Joints that the file declares as drives of rotors.
         servo_drives: Joints that the file declares as driven, but not as drives of rotors.
         damped: Joints with damping or friction, which are not part of the model.
+        notes: Sentences on other contents of the file that the model does not have.
     """
 
     file: str
@@ -116,6 +117,7 @@ class LinkTree:
     rotor_drives: frozenset[str] = frozenset()
     servo_drives: frozenset[str] = frozenset()
     damped: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     @functools.cached_property
     def joints_below(self) -> Mapping[str, tuple[LinkJoint, ...]]:

@@ -55,10 +55,12 @@ def read_mjcf(path: str | Path) -> LinkTree:
             spec = mujoco.MjSpec.from_file(str(path))
             _without_display(spec, mujoco)
             _check_mesh_files(spec)
+            stated = [_Stated(body) for body in spec.bodies if body.explicitinertial]
+            spec.compiler.balanceinertia = True  # `reduce_tree` checks the inertias
             model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise ValueError(f"{path}: MuJoCo: {' '.join(str(error).split())}") from None
-    tree = _Reader(str(path), model, mujoco).tree()
+    tree = _Reader(str(path), model, mujoco, {each.body.id: each for each in stated}).tree()
     _check_numbers(tree)
     return tree
 
@@ -156,11 +158,26 @@ def _without_display(spec: Any, mujoco: Any) -> None:
             spec.delete(asset)
 
 
+class _Stated:
+    """Inertia of a body as the file states it, before MuJoCo compiles it."""
+
+    def __init__(self, body: Any):
+        self.body = body
+        self.moments, self.mass, self.full = np.array(body.inertia), float(body.mass), np.array(body.fullinertia)
+
+    def inertia(self, R: np.ndarray) -> np.ndarray:
+        """Return the inertia [kg m^2, frame of the body] with the compiled rotation of the inertial frame."""
+        if not np.isfinite(self.full).all():
+            return R @ np.diag(self.moments) @ R.T
+        xx, yy, zz, xy, xz, yz = self.full
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 class _Reader:
     """Conversion of a compiled model."""
 
-    def __init__(self, file: str, model: Any, mujoco: Any):
-        self.file, self.model, self.types = file, model, mujoco.mjtJoint
+    def __init__(self, file: str, model: Any, mujoco: Any, stated: dict[int, _Stated]):
+        self.file, self.model, self.types, self.stated = file, model, mujoco.mjtJoint, stated
         self.equality_types = mujoco.mjtEq
         self.shift: dict[int, np.ndarray] = {}  # link origin in the frame of each body [m]
 
@@ -186,7 +203,20 @@ class _Reader:
             if self._joint_name(j) in joints
             and (model.dof_damping[self._dof(j)] or model.dof_frictionloss[self._dof(j)])
         )
-        return LinkTree(file=self.file, root=self._name(root), links=links, joints=joints, damped=damped)
+        notes = tuple(self._notes(joints))
+        return LinkTree(file=self.file, root=self._name(root), links=links, joints=joints, damped=damped, notes=notes)
+
+    def _notes(self, joints: dict[str, LinkJoint]) -> Iterator[str]:
+        """Yield sentences on properties of joints that the model does not have."""
+        model = self.model
+        own = [j for j in range(model.njnt) if self._joint_name(j) in joints]
+        for property_, values in (
+            ("armature (add it to the inertia of the body)", {j: model.dof_armature[self._dof(j)] for j in own}),
+            ("stiffness", {j: model.jnt_stiffness[j] for j in own}),
+        ):
+            names = [self._joint_name(j) for j, value in values.items() if np.any(value)]
+            if names:
+                yield f"{property_} is not read: {', '.join(names)}"
 
     def _root(self) -> int:
         """Return the base of the vehicle."""
@@ -238,8 +268,12 @@ class _Reader:
         """Return mass and inertia of a body in the frame of its link."""
         model = self.model
         R = _matrix(model.body_iquat[body])
-        J = R @ np.diag(model.body_inertia[body]) @ R.T
-        mass = float(model.body_mass[body])
+        moments, mass = model.body_inertia[body], float(model.body_mass[body])
+        J = R @ np.diag(moments) @ R.T
+        if (
+            body in self.stated and np.ptp(moments) == 0 and mass == self.stated[body].mass
+        ):  # MuJoCo may have changed it
+            J = self.stated[body].inertia(R)
         return Body(mass=mass, com=model.body_ipos[body] - self.shift[body], inertia=J) if mass > 0 else None
 
     def _link_joint(self, body: int, joint: int | None, couplings: dict[int, Coupling]) -> LinkJoint:

@@ -35,6 +35,11 @@ class JointLimits:
     speed: float | None = None  # rad/s or m/s
     effort: float | None = None  # N m or N
 
+    @property
+    def leave_no_range(self) -> bool:
+        """Whether the smallest position is the largest one."""
+        return self.position is not None and self.position[0] == self.position[1]
+
 
 UNLIMITED_JOINT = JointLimits()
 

@@ -92,6 +92,7 @@ def parse_link_tree(text: str | bytes, file: str) -> LinkTree:
         rotor_drives=rotors,
         servo_drives=servos,
         damped=tuple(_damped(joints)),
+        notes=tuple(_placeholders(joints)),
     )
 
 
@@ -227,19 +228,26 @@ def _elements_by_name(robot: _Element, tag: str) -> dict[str, _Element]:
 def _without_floating_root(
     links: dict[str, _Element], joints: dict[str, _Element]
 ) -> tuple[dict[str, _Element], dict[str, _Element]]:
-    """Remove an empty root link and the floating joint that connects it to the vehicle; its origin is a start pose."""
+    """Remove the floating joint between a world and the vehicle, and the links of the world.
+
+    The world is the root link with the links that are fixed to it, all without inertia. The origin of the joint is a
+    start pose.
+    """
     floating = [joint for joint in joints.values() if joint.attributes.get("type") == "floating"]
     if len(floating) != 1:
         return links, joints
     (joint,) = floating
-    parent = _link_of(joint, "parent", links)
-    others = [other for other in joints.values() if other is not joint]
-    touching = [other for other in others if parent in (_link_of(other, end, links) for end in ("parent", "child"))]
-    if touching or _inertial(links[parent]) is not None:
+    world, dropped = {_link_of(joint, "parent", links)}, [joint]
+    others = [(other, *(_link_of(other, end, links) for end in ("parent", "child"))) for other in joints.values()]
+    while more := [o for o, *ends in others if o not in dropped and world & set(ends)]:
+        dropped += more
+        world |= {end for o, *ends in others if o in more for end in ends}
+    fixed = all(other.attributes.get("type") == link_tree.FIXED for other in dropped[1:])
+    if not fixed or any(_inertial(links[name]) is not None for name in world):
         return links, joints
     return (
-        {name: link for name, link in links.items() if name != parent},
-        {name: other for name, other in joints.items() if other is not joint},
+        {name: link for name, link in links.items() if name not in world},
+        {name: other for name, other in joints.items() if other not in dropped},
     )
 
 
@@ -369,6 +377,7 @@ def _limits(joint: _Element) -> JointLimits:
     """Return the limits of a joint; values that mean "unlimited" in practice are omitted.
 
     A continuous joint has no position limits. A missing bound is 0 if the other one is stated, as the format defines.
+    Limits from 0 to 0 are the placeholder of exporters for no limits.
     """
     element, kind = joint.one("limit"), joint.attributes["type"]
     if element is None:
@@ -378,7 +387,7 @@ def _limits(joint: _Element) -> JointLimits:
     if kind != link_tree.CONTINUOUS and {"lower", "upper"} & set(element.attributes):
         if lower > upper:
             _fail(element, f"{joint}: the lower limit {lower:g} exceeds the upper limit {upper:g}")
-        position = (lower, upper) if max(abs(lower), abs(upper)) <= UNLIMITED else None
+        position = (lower, upper) if 0 < max(abs(lower), abs(upper)) <= UNLIMITED else None
     least, most = SPEED_EFFORT_RANGE
     speed, effort = (abs(_numbers_or_zero(element, name, joint)) for name in ("velocity", "effort"))
     return JointLimits(
@@ -409,6 +418,17 @@ def _drives(robot: _Element) -> tuple[frozenset[str], frozenset[str]]:
         driven = {name for e in transmission.everywhere("joint") if (name := e.attributes.get("name"))}
         (rotors if "rotor" in interfaces or "thrust" in interfaces else servos).update(driven)
     return frozenset(rotors), frozenset(servos - rotors)
+
+
+def _placeholders(joints: dict[str, _Element]) -> Iterator[str]:
+    """Yield a sentence on the joints whose limits are the placeholder for no limits."""
+    names = []
+    for name, joint in joints.items():
+        limit = joint.one("limit") if joint.attributes["type"] in (link_tree.REVOLUTE, link_tree.PRISMATIC) else None
+        if limit is not None and {"lower", "upper"} & set(limit.attributes) and _limits(joint).position is None:
+            names += [name] * (max(abs(_numbers_or_zero(limit, each, joint)) for each in ("lower", "upper")) == 0)
+    if names:
+        yield f"limits from 0 to 0 are read as no limits: {', '.join(names)}"
 
 
 def _damped(joints: dict[str, _Element]) -> Iterator[str]:

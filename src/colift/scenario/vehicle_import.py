@@ -28,7 +28,7 @@ from colift.scenario.errors import ScenarioError, unknown_name_message
 from colift.scenario.scaling import vehicle_scale
 from colift.scenario.template import MAX_AGENTS, VehicleTemplate, scenario_text
 
-MAX_JOINTS = 10  # of an agent; `check` does not linearize agents with more, because that takes minutes
+MAX_JOINTS = 10  # of an agent; compilation of the equations of larger ones takes minutes
 JOINT_ANGLE_CANDIDATES = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)  # rad, candidates of revolute joints
 MAX_CONDITION = 30.0  # of the grasp Jacobian; larger values indicate straight arms
 MIN_MANIPULABILITY = 200.0  # largest condition number of a posture that is written
@@ -170,10 +170,11 @@ def _vehicle(tree: LinkTree, options: VehicleOptions) -> _Vehicle:
         raise ValueError(error.advise(lambda option, value: f"--{option} {value}")) from None
     arms, joints = len(roles.tips), len(robot.joints)
     if joints > MAX_JOINTS:
-        extra = robot.joints[MAX_JOINTS].name
+        extra = [joint.name for joint in robot.joints[MAX_JOINTS:]]
+        shown = ",".join(extra[:MAX_LISTED]) + (",..." if len(extra) > MAX_LISTED else "")
         raise ValueError(
-            f"{tree.joints[extra].location}: {joints} joints move, up to {MAX_JOINTS} are possible: fix the other ones "
-            f"with --frozen, for example joint {extra!r} of link {tree.joints[extra].child!r}"
+            f"{tree.joints[extra[0]].location}: {joints} joints move, up to {MAX_JOINTS} are possible: fix "
+            f"{len(extra)} more, for example the last ones: --frozen {shown}"
         )
     if joints < 3 * arms - 3:
         links = ", ".join(repr(tip.link) for tip in roles.tips)
@@ -368,8 +369,12 @@ def _notes(vehicle: _Vehicle) -> Iterator[str]:
         yield f"rotors: {_listed(roles.rotors)} fixed to the body that carries them (frozen)"
     for group in roles.grippers:
         yield f"gripper: {_listed(group)} fixed, the fingers are one tip (frozen)"
-    if roles.idle:
-        yield f"{_listed(roles.idle)} fixed, these joints carry no tip (frozen)"
+    chosen = set(vehicle.options.frozen or ())
+    locked = [name for name in roles.idle if name not in chosen and tree.joints[name].limits.leave_no_range]
+    if locked:
+        yield f"{_listed(locked)} fixed, their limits leave no range (frozen)"
+    if idle := [name for name in roles.idle if name not in {*chosen, *locked}]:
+        yield f"{_listed(idle)} fixed, these joints carry no tip (frozen)"
     if roles.rests_on_base:
         (tip,) = roles.tips
         yield f"no arm found: the base holds the payload at {list(tip.offset)} of link {_listed([tip.link])}"
@@ -386,4 +391,4 @@ def _notes(vehicle: _Vehicle) -> Iterator[str]:
     damped = [name for name in tree.damped if name in moving]
     if damped:
         yield f"damping and friction of {_listed(damped)} are not read: add a disturbance of kind joint_friction"
-    yield from robot.changes
+    yield from (*tree.notes, *robot.changes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from colift.models import joint_roles, urdf_parser
@@ -117,8 +118,46 @@ def test_a_tilt_unit_of_a_rotor_is_no_arm() -> None:
     assert found.idle == ("unit_0", "unit_1", "unit_2")
 
 
-def test_choices_of_the_user_replace_the_proposal() -> None:
+def test_frozen_joints_of_the_user_join_those_that_are_found() -> None:
     parts = (*(rotor(k) for k in range(4)), *ARM)
     assert roles(*parts, tips=("base",)).idle == ("shoulder", "elbow")
     found = roles(*parts, frozen=("rotor_0_joint", "elbow"))
-    assert (found.rotors, found.idle) == (("rotor_0_joint",), ("elbow",))
+    assert (len(found.rotors), found.idle) == (4, ("elbow",))
+    assert roles(*parts, frozen=()).frozen == ()
+
+
+def test_tilted_rotors_without_names_are_found() -> None:
+    tilted = [
+        rotor(k, "m{}").replace('<axis xyz="0 0 1"/>', f'<axis xyz="{np.sin(k)} {np.cos(k)} 1.2"/>') for k in range(6)
+    ]
+    found = roles(*tilted, *ARM)
+    assert (len(found.rotors), found.tips) == (6, (TipProposal("fore"),))
+
+
+@pytest.mark.parametrize(
+    ("kind", "axes", "limits"),
+    [
+        ("revolute", ("0 1 0", "0 -1 0"), ("-1 1", "-1 1")),
+        ("revolute", ("0 1 0", "0 1 0"), ("0 0.8", "-0.8 0")),
+        ("prismatic", ("1 0 0", "1 0 0"), ("0 0.03", "-0.03 0")),
+    ],
+)
+def test_fingers_without_names_close_against_each_other(
+    kind: str, axes: tuple[str, str], limits: tuple[str, str]
+) -> None:
+    def finger(name: str, axis: str, limit: str) -> str:
+        lower, upper = limit.split()
+        more = f'<limit lower="{lower}" upper="{upper}" effort="1" velocity="1"/>'
+        return link(name, 0.01) + joint(name, "fore", name, kind, axis, "0 0 -0.1", more)
+
+    found = roles(*ARM, *map(finger, ("left", "right"), axes, limits))
+    assert found.grippers == (("left", "right"),)
+    apart = roles(*ARM, *map(finger, ("left", "right"), ("0 1 0", "0 1 0"), ("-1 1", "-1 1")))
+    assert apart.grippers == ()
+
+
+def test_joints_without_a_range_are_fixed() -> None:
+    locked = '<limit lower="0.5" upper="0.5" effort="1" velocity="1"/>'
+    last = link("hand") + joint("wrist", "fore", "hand", xyz="0 0 -0.1", more=locked)
+    found = roles(*ARM, last)
+    assert found.idle == ("wrist",)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from colift import scenario
-from colift.models import aerial_manipulator, link_tree, urdf
+from colift.models import aerial_manipulator, link_tree, urdf, urdf_parser
 from colift.models.parameters import AerialManipulator
 from colift.runtime import bounded_read
 from colift.scenario import ScenarioError, team
@@ -619,6 +619,13 @@ def test_limits_are_read() -> None:
     assert urdf.parse_urdf(one_sided, "r.urdf").joints[0].limits.position == (0.0, 2.0)
 
 
+def test_limits_from_zero_to_zero_are_a_placeholder() -> None:
+    tree = urdf_parser.parse_link_tree(re.sub("<limit [^/]*/>", '<limit lower="0" upper="0"/>', TURNED), "r.urdf")
+    assert tree.joints["elbow"].limits == urdf.JointLimits()
+    assert tree.notes == ("limits from 0 to 0 are read as no limits: elbow",)
+    assert urdf_parser.parse_link_tree(TURNED, "r.urdf").notes == ()
+
+
 @pytest.mark.parametrize(
     ("written", "instead", "answer"),
     [
@@ -645,6 +652,13 @@ def test_an_empty_floating_root_is_dropped() -> None:
     )
     robot = urdf.parse_urdf(rooted, "r.urdf")
     assert list(robot.links) == ["base", "arm"]
+    marked = rooted.replace(
+        '<link name="world"/>',
+        '<link name="map"/><link name="world"/><link name="mark"/>'
+        '<joint name="a" type="fixed"><parent link="map"/><child link="world"/></joint>'
+        '<joint name="b" type="fixed"><parent link="world"/><child link="mark"/></joint>',
+    )
+    assert list(urdf.parse_urdf(marked, "r.urdf").links) == ["base", "arm"]
     heavy = rooted.replace(
         '<link name="world"/>',
         '<link name="world"><inertial><mass value="1"/>'

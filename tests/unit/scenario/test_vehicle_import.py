@@ -108,9 +108,11 @@ def test_options_choose_joints_tips_and_treatments(tmp_path: Path) -> None:
     )
     assert done.exit_code == 0, done.stderr
     kind = scenario.load_scenario(made).agent_types["vehicle"]
-    assert kind.joints[0].name == "uav-2f-rotor_0_joint"
-    assert len(kind.joints) == 4
+    assert [each.name for each in kind.joints] == ["shoulder"]
     assert kind.arms[0].joint == "shoulder"
+    made.unlink()
+    made, done = init(tmp_path, robot, "--mimic", "independent", "--tips", "upper", "--frozen", "")
+    assert len(scenario.load_scenario(made).agent_types["vehicle"].joints) == 6
 
 
 def test_a_balanced_inertia_is_reported(tmp_path: Path) -> None:
@@ -137,7 +139,7 @@ TWO_HANDS = "".join(link(f"h{k}") + joint(f"h{k}", "base", f"h{k}", xyz=f"0 {0.2
         (
             BASE + CHAIN,
             (),
-            "20 joints move, up to 10 are possible: fix the other ones with --frozen, for example joint 'j10'",
+            "20 joints move, up to 10 are possible: fix 10 more, for example the last ones: --frozen j10,j11,j12,",
         ),
         (BASE + TWO_HANDS, (), "2 joints are too few for 2 tips (links 'h0', 'h1'): 3 or more are required"),
         (BASE + ARM, ("--frozen", "elbow"), "--frozen: 'elbow' is not a joint that moves (shoulder, el/bow)"),
@@ -183,10 +185,10 @@ MJCF = """<mujoco><compiler angle="radian" inertiafromgeom="false"/>
     </body></body></body></worldbody></mujoco>"""
 
 
-def init_mjcf(folder: Path, text: str) -> tuple[Path, Result]:
+def init_mjcf(folder: Path, text: str, *options: str) -> tuple[Path, Result]:
     file, made = folder / "vehicle.xml", folder / "mine.yaml"
     file.write_text(text, encoding="utf-8")
-    return made, CliRunner().invoke(app, ["init", str(made), "--mjcf", str(file)])
+    return made, CliRunner().invoke(app, ["init", str(made), "--mjcf", str(file), *options])
 
 
 def test_an_mjcf_vehicle_has_the_mass_matrix_of_mujoco(tmp_path: Path) -> None:
@@ -212,6 +214,26 @@ def test_an_mjcf_vehicle_has_the_mass_matrix_of_mujoco(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.M_bar, own - mixed.T @ np.linalg.solve(lin, mixed), atol=1e-12)
     np.testing.assert_allclose(found.com_from_base, data.subtree_com[1], atol=1e-12)
     np.testing.assert_allclose(found.tip_from_com[0] + found.com_from_base, data.site("tool_tip").xpos, atol=1e-12)
+
+
+@pytest.mark.parametrize("stated", ['diaginertia="0.02 0.02 0.06"', 'fullinertia="0.02 0.02 0.06 0 0 0"'])
+def test_an_mjcf_inertia_is_balanced_as_asked(stated: str, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    flat = MJCF.replace('diaginertia="0.02 0.02 0.035"', stated)
+    _, done = init_mjcf(tmp_path, flat)
+    assert done.exit_code == 2
+    assert "0.06 > 0.04: choose --inertia balanced" in done.stderr
+    made, done = init_mjcf(tmp_path, flat, "--inertia", "balanced")
+    assert "balanced to 0.02667, 0.02667, 0.05333" in done.stdout, done.stderr
+    base = scenario.load_scenario(made).agent_types["vehicle"].base
+    np.testing.assert_allclose(np.diag(base.inertia_kgm2), [0.08 / 3, 0.08 / 3, 0.16 / 3], rtol=1e-5)
+
+
+def test_unread_properties_of_mjcf_joints_are_named(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    _, done = init_mjcf(tmp_path, MJCF.replace('axis="0 1 0"', 'axis="0 1 0" armature="0.05" stiffness="2"'))
+    assert "armature (add it to the inertia of the body) is not read: elbow\n" in done.stdout
+    assert "stiffness is not read: elbow\n" in done.stdout
 
 
 MESH = 'vertex="0 0 0 1 0 0 0 1 0 0 0 1"'
