@@ -301,7 +301,10 @@ def migrate_text(text: str) -> str:
         ScenarioError: If the text is not valid YAML, holds no mapping, states an unknown schema, or sets a value other
             than the default for a setting that no longer exists.
     """
-    yaml_tree.refuse_invalid(text)
+    schema = yaml_tree.read_valid(text).get("schema", 1)
+    if schema == SCHEMA:
+        return text
+    _check(schema)
     yaml = YAML()
     yaml.composer.warn_double_anchors = False  # a name may be reused
     yaml.preserve_quotes = True
@@ -312,11 +315,9 @@ def migrate_text(text: str) -> str:
             data = yaml.load(text)
     except (YAMLError, ValueError) as error:  # ValueError: a date that does not exist
         raise ScenarioError(f"not valid YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(data, CommentedMap):
-        raise ScenarioError("a scenario is a mapping of settings")
-    if data.get("schema") == SCHEMA:
-        return text
-    _check(data.get("schema", 1))
+    except NotImplementedError as error:  # of ruamel.yaml, for comments on both sides of a missing value
+        raise ScenarioError(f"a comment cannot be kept, remove it: {' '.join(str(error).split())}") from None
+    assert isinstance(data, CommentedMap)
     if _has_merge_key(text):
         data = _without_merge_keys(data, {})
     _convert(data, strict=True)
@@ -399,8 +400,8 @@ def _has_merge_key(text: str) -> bool:
 
 
 def _check(schema: object) -> None:
-    if schema != 1:
-        raise ScenarioError(f"schema: must be 1 or {SCHEMA}, got {schema!r}")
+    if schema != 1 or isinstance(schema, bool):
+        raise ScenarioError(f"schema: must be 1 or {SCHEMA}, got {format_value(schema)}")
 
 
 def _copy(value: Any) -> Any:

@@ -67,19 +67,26 @@ def read(text: str, file: str) -> Tree:
     return Tree(file, data, reader.lines, reader.errors)
 
 
-def refuse_invalid(text: str) -> None:
-    """Raise ScenarioError with the line of the first error if a text has not the form that `read` accepts.
+def read_valid(text: str) -> dict[str, Any]:
+    """Read a text; the first error of its form is raised.
 
     Args:
         text: YAML text.
+
+    Returns:
+        Plain data.
+
+    Raises:
+        ScenarioError: If the text has not the form that `read` accepts; the message states the line.
     """
     reader = _Reader(lambda line: f"line {line}")
     node = reader.compose(text)
     if not isinstance(node, MappingNode):
         raise ScenarioError("a scenario is a mapping of settings")
-    reader.value(node, ())
+    data = reader.value(node, ())
     for location, message in reader.errors[:1]:
         reader.fail(Tree("", {}, reader.lines, []).line(location), message)
+    return data
 
 
 def with_setting(tree: Tree, change: str) -> Tree:

@@ -158,6 +158,9 @@ def test_all_removed_settings_are_reported():
         ("a: [1", "line 1: not valid YAML"),
         ("- 1", "a scenario is a mapping of settings"),
         ("schema: 3\nname: a", "schema: must be 1 or 2, got 3"),
+        ("schema: true", "schema: must be 1 or 2, got True"),
+        pytest.param(f"schema: 0x{'f' * 5000}", "schema: must be 1 or 2, got a whole number of 20000", id="long"),
+        ("a:  # one\n|\n  b: 1\n\n\nc: 1", "a comment cannot be kept, remove it: overlap in comment"),
     ],
 )
 def test_what_cannot_be_migrated_is_refused_in_one_line(text, message):
