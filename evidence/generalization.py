@@ -476,12 +476,10 @@ def make_frozen_experiment(case: str, condition: str, seed: int) -> flight.Exper
     model, _, labels = case.partition(" with ")
     case_experiment = experiment.make_experiment(flight_data, "C1")
     controller = dataclasses.replace(case_experiment.controller, residual_model=fit_model(model, seed).model)
-    return dataclasses.replace(
-        case_experiment,
-        controller=controllers.with_residual_corrector(flight_data, controller, controllers.label_filter(flight_data))
-        if labels
-        else controller,
-    )
+    if labels:
+        corrector = controllers.label_low_pass(flight_data, controller.team)
+        controller = controllers.with_residual_corrector(flight_data, controller, corrector)
+    return dataclasses.replace(case_experiment, controller=controller)
 
 
 DENSITY_STRIDE = 50  # ticks between two states at which densities are taken
