@@ -100,7 +100,7 @@ def compare_settings() -> dict[str, Any]:
     for name, (substeps, integrator, constant, impedance) in SETTINGS.items():
         softness = mjcf.ContactSoftness(time_constant=constant * dt / substeps, impedance=impedance)
         plant = mujoco_plant.mujoco_plant(c1_experiment.world.team, c1_experiment.initial_state, dt, substeps, softness)
-        plant.session.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
+        plant.session.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")  # ty: ignore[missing-attribute]
         theirs, seconds = simulate_case(c1_experiment, plant)
         found[name] = differences(theirs.records, ours.records) | {"cpu_time_over_colift": seconds / ours_s}
     return found

@@ -256,7 +256,7 @@ def position_error(
     )
     true = np.asarray(rows.f_L)[:, :3] + np.asarray(rows.f_x).sum(1)
     error = (total_force(forecast) - true[at + n]) / total_mass(team)
-    gains = plan.controller.payload_controller.gains
+    gains = plan.controller.payload_controller.gains  # ty: ignore[missing-attribute]
     out = [
         _second_order(error[:, i], float(gains.K_p[i, i]), float(gains.K_v[i, i]), dt) for i in range(error.shape[1])
     ]
