@@ -211,7 +211,7 @@ def _load_run(folder: Path, name: str, cases: Sequence[str]) -> ComparedRun:
     if not folder.is_dir():
         raise ValueError(f"{folder} is not a folder")
     path = folder / run_directory.SUMMARY_FILE
-    if not path.is_file():
+    if not os.path.lexists(path):
         raise ValueError(f"{folder} is not a run: it contains no {path.name}")
     summary = result_files.load_summary(path)
     try:

@@ -16,7 +16,7 @@ from colift.closed_loop import log, pose_signals
 from colift.math import so3
 from colift.math.linalg import transpose
 from colift.models.parameters import Team
-from colift.scenario import Scenario, ScenarioError
+from colift.scenario import Scenario, ScenarioError, plugins
 from colift.scenario import team as team_names
 from colift.scenario.migration import migrate_data
 
@@ -25,8 +25,8 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
     """Return the scenario that is stored in a log, without the plugins of the user.
 
     A log can come from an untrusted source, and loading a plugin executes its module. Therefore no plugin is loaded:
-    disturbances and sensor models that are plugins are omitted, actuators are ideal, and a reference is replaced by its
-    first position.
+    disturbances and sensor models that are plugins are omitted, actuators and physics have their defaults, and a
+    reference is replaced by its first position. A plugin in any other place is an error.
 
     Args:
         ds: Dataset of a flight.
@@ -40,7 +40,8 @@ def scenario_of_log(ds: xr.Dataset) -> Scenario:
     try:
         data = json.loads(ds.attrs["scenario_json"])
         data = _without_plugins(migrate_data(data, strict=False), ds)
-        settings = Scenario.model_validate_json(json.dumps(data))
+        with plugins.refuse_imports():
+            settings = Scenario.model_validate_json(json.dumps(data))
         _check_team(settings, ds)
         return settings
     except KeyError:
@@ -99,8 +100,9 @@ def _without_plugins(data: dict[str, Any], ds: xr.Dataset) -> dict[str, Any]:
         kept["disturbances"] = [each for each in disturbances if not named(each)]
     if isinstance(sensors := data.get("sensors"), dict) and isinstance(sensors.get("models"), list):
         kept["sensors"] = sensors | {"models": [each for each in sensors["models"] if not named(each)]}
-    if named(data.get("actuators")):
-        del kept["actuators"]
+    for key in ("actuators", "physics"):
+        if named(data.get(key)):
+            del kept[key]
     if named(data.get("reference")):
         hover = [float(x) for x in ds.p_d.values[0]]
         still = {"amplitude_m": [0.0, 0.0, 0.0], "period_s": 1.0, "ramp_time_s": 1.0}

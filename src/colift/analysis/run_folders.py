@@ -87,9 +87,9 @@ def read_run(path: Path, logs: Iterable[str] = ()) -> RunFolder:
     """
     summary, certificate = path / run_directory.SUMMARY_FILE, path / CERTIFICATE_FILE
     try:
-        if summary.is_symlink() or summary.exists():
+        if os.path.lexists(summary):
             return _read_summary(path, result_files.load_summary(summary), summary.stat().st_mtime)
-        if any((path / name).is_file() for name in logs):
+        if any(os.path.lexists(path / name) for name in logs):
             return RunFolder(path, f"contains logs, but no {summary.name}: its study did not end")
         found = result_files.load_certificate(certificate)
         return RunFolder(path, "", *_identity(found), modified=certificate.stat().st_mtime)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import json
+import os
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
@@ -170,7 +171,7 @@ def _read_trials(folder: RunDirectory) -> dict[str, Any]:
     from colift.runtime import bounded_read
 
     path, shown = folder.path / FALSIFICATION_FILE, folder.target / FALSIFICATION_FILE
-    if not path.exists():
+    if not os.path.lexists(path):
         return {"trials": [], "pending": []}
     try:
         found = bounded_read.read_json(path)

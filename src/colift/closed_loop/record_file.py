@@ -23,6 +23,7 @@ import numpy as np
 
 from colift.closed_loop.signals import StepRecord
 from colift.math.pytree import transfer
+from colift.runtime import bounded_read
 
 ALIGNMENT = 64
 """Alignment of the blocks [bytes]; JAX uses aligned arrays without a copy."""
@@ -124,9 +125,9 @@ def read_records(path: str | Path) -> StepRecord:
             rows = read_records("flight.rows")
             print(f"{len(rows.t)} rows until t = {rows.t[-1]} s")
     """
-    with Path(path).open("rb") as file:
+    with bounded_read.open_regular(path) as descriptor:
         try:
-            return _read(file.fileno())
+            return _read(descriptor)
         except (ValueError, KeyError, TypeError) as error:
             raise ValueError(f"{path}: no records of a flight: {error}") from error
 

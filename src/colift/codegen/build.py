@@ -29,7 +29,7 @@ from pathlib import Path
 
 import jax.ffi
 
-from colift.runtime import cache
+from colift.runtime import bounded_read, cache
 
 FLAGS = ("-std=gnu11", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fPIC",
          "-fvisibility=hidden", "-w")  # fmt: skip
@@ -38,6 +38,7 @@ OPTIMIZED_FLAGS = ("-O2",)
 # another part reads every value that is stored.
 QUICK_FLAGS = ("-O1", "-fno-tree-dse", "-fno-dse")
 MAX_LIBRARIES = 256  # in the cache; about 3 MB for a simulation, 0.1 MB for most functions
+MAX_LIBRARY_BYTES = 2**30  # largest library that is loaded from the cache
 
 log = logging.getLogger(__name__)
 
@@ -210,7 +211,7 @@ def _load(folder: Path, name: str) -> ctypes.CDLL | None:
     """Load the library of a key; None if no valid file exists. A file that does not match its name is removed."""
     for path in folder.glob(f"{name}-*.so"):
         with contextlib.suppress(OSError):  # another process may remove the file; the library may not load
-            if path.name != _file_name(name, path.read_bytes()):
+            if path.name != _file_name(name, bounded_read.read_bytes(path, MAX_LIBRARY_BYTES)):
                 path.unlink()
                 continue
             with contextlib.suppress(OSError):  # the cache may be read-only

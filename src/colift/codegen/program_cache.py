@@ -12,10 +12,12 @@ import secrets
 from pathlib import Path
 
 from colift.codegen import jax_internals
-from colift.runtime import cache
+from colift.runtime import bounded_read, cache
 
 DIGEST_SIZE = 32
 """Size of the digest at the begin of an entry [bytes]."""
+MAX_ENTRY_BYTES = 2**30
+"""Largest entry that is used [bytes]."""
 
 
 class VerifiedCache:
@@ -39,7 +41,7 @@ class VerifiedCache:
         """Return the content of an entry; None if it does not exist or is damaged."""
         path = self._entry(key)
         try:
-            stored = path.read_bytes()
+            stored = bounded_read.read_bytes(path, MAX_ENTRY_BYTES)
         except OSError:
             return None
         digest, content = stored[:DIGEST_SIZE], stored[DIGEST_SIZE:]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
 import stat
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,32 @@ MAX_TEXT_BYTES = 2**24
 """Largest text file: scenario, robot description or JSON [bytes]."""
 MAX_TABLE_BYTES = 2**28
 """Largest table of poses [bytes]."""
+
+
+@contextlib.contextmanager
+def open_regular(path: str | Path) -> Generator[int]:
+    """Open a regular file for reading within the block.
+
+    Args:
+        path: File.
+
+    Yields:
+        The descriptor.
+
+    Raises:
+        OSError: If the file cannot be read, or is not a regular file.
+    """
+    # without O_NONBLOCK, opening a pipe without a writer would never return
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, "O_CLOEXEC", 0))
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, "a folder, not a file", str(path))
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "a pipe, socket or device, not a regular file", str(path))
+        yield descriptor
+    finally:
+        os.close(descriptor)
 
 
 def read_bytes(path: str | Path, limit: int) -> bytes:
@@ -30,18 +58,8 @@ def read_bytes(path: str | Path, limit: int) -> bytes:
     Raises:
         OSError: If the file cannot be read, is not a regular file, or is larger than the limit.
     """
-    # without O_NONBLOCK, opening a pipe without a writer would never return
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | getattr(os, "O_CLOEXEC", 0))
-    try:
-        mode = os.fstat(descriptor).st_mode
-        if stat.S_ISDIR(mode):
-            raise IsADirectoryError(errno.EISDIR, "a folder, not a file", str(path))
-        if not stat.S_ISREG(mode):
-            raise OSError(errno.EINVAL, "a pipe, socket or device, not a regular file", str(path))
-        with os.fdopen(descriptor, "rb", closefd=False) as file:
-            content = file.read(limit + 1)
-    finally:
-        os.close(descriptor)
+    with open_regular(path) as descriptor, os.fdopen(descriptor, "rb", closefd=False) as file:
+        content = file.read(limit + 1)
     if len(content) > limit:
         raise OSError(errno.EFBIG, f"larger than {limit / 2**20:.3g} MiB, the largest size that is read", str(path))
     return content

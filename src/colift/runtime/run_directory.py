@@ -34,6 +34,8 @@ from colift.runtime import bounded_read, signals
 
 LOCK_SUFFIX = ".colift.lock"
 """Suffix of the hidden lock file beside a run directory."""
+MAX_LOCK_BYTES = 2**12
+"""Largest lock file [bytes]; those of colift have 200."""
 RUN_ID_PATTERN = re.compile(rb"colift-run-([0-9a-f]{12})")
 """Identifier of a run as it appears in files."""
 SUMMARY_FILE = "summary.json"
@@ -369,7 +371,7 @@ def _release(lock: Path, content: bytes) -> None:
     """Remove the lock file if it has this content."""
     _held.discard(content)
     with contextlib.suppress(OSError):  # the results are complete; the next command removes the lock
-        if lock.read_bytes() == content:
+        if bounded_read.read_bytes(lock, MAX_LOCK_BYTES) == content:
             lock.unlink()
 
 
@@ -410,19 +412,35 @@ def _exclusive(path: Path) -> Generator[None]:
 
 
 def _read_lock(lock: Path) -> tuple[bytes, dict[str, Any] | None] | None:
-    """Return content and owner of a lock file; no owner if it stays invalid for a second, None if there is no file."""
+    """Return content and owner of a lock file; no owner if it stays invalid for a second, None if there is no file.
+
+    Raises:
+        OSError: If colift did not create the file, because it is a link, a folder, a pipe, a device or too large.
+    """
     content = b""
     for _ in range(20):
         try:
-            content = lock.read_bytes()
-            owner = json.loads(content)
-            kinds = {"host": str, "pid": int, "began": str, "since": float}
-            return content, {key: kind(owner[key]) for key, kind in kinds.items()}
+            if lock.is_symlink():  # a link without a target would never become readable
+                raise OSError(errno.ELOOP, "a link, not a lock file of colift: remove it", str(lock))
+            content = bounded_read.read_bytes(lock, MAX_LOCK_BYTES)
         except FileNotFoundError:
             return None
-        except (ValueError, TypeError, KeyError):  # created, but not yet written
-            time.sleep(0.05)
+        if (owner := _parse_owner(content)) is not None:
+            return content, owner
+        time.sleep(0.05)  # created, but not yet written
     return content, None
+
+
+def _parse_owner(content: bytes) -> dict[str, Any] | None:
+    """Return the owner that a lock file names; None if the content is incomplete or damaged."""
+    try:
+        found = json.loads(content)
+        kinds = {"host": str, "pid": int, "began": str, "since": float}
+        owner: dict[str, Any] = {key: kind(found[key]) for key, kind in kinds.items()}
+        time.localtime(owner["since"])  # a time that the message can state
+    except (ValueError, TypeError, KeyError, OverflowError, OSError, RecursionError):
+        return None
+    return owner if owner["host"].isprintable() and owner["pid"] > 0 else None
 
 
 def _is_running(pid: int, began: str) -> bool:
@@ -439,7 +457,7 @@ def _is_running(pid: int, began: str) -> bool:
 def _start_time(pid: int) -> str:
     """Return the start time of a process in kernel ticks; empty if unavailable, `ended` for a zombie process."""
     try:
-        state, *after = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+        state, *after = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
     except OSError:
         return ""
     return "ended" if state in "ZX" else after[18]

@@ -18,6 +18,8 @@ from collections.abc import Callable, Generator
 
 GRACE_PERIOD = 5.0
 """Time [s] from the first signal to forced termination, for computations that check the flag rarely."""
+ACTION_PERIOD = 2.0
+"""Time [s] that the functions of `on_exit` have before the process is terminated; a file system may not respond."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 """Signals that request termination; a terminal that is closed sends SIGHUP."""
 
@@ -126,11 +128,19 @@ def _next_signal(receiver: socket.socket) -> int | None:
     return None
 
 
-def _terminate(number: int) -> None:
-    """Terminate the process at once; other threads, such as compilers, would keep it running for minutes."""
+def _run_exit_actions() -> None:
+    """Call the functions of all blocks of `on_exit`, the innermost first."""
     for action in reversed(_exit_actions):
         with contextlib.suppress(Exception):
             action()
+
+
+def _terminate(number: int) -> None:
+    """Terminate the process at once; other threads, such as compilers, would keep it running for minutes."""
+    with contextlib.suppress(RuntimeError):  # no further thread can be started
+        actions = threading.Thread(target=_run_exit_actions, daemon=True)
+        actions.start()
+        actions.join(ACTION_PERIOD)
     if threading.current_thread() is threading.main_thread():
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(Exception):

@@ -22,6 +22,7 @@ from colift.scenario.errors import format_value, suggestion
 PLUGIN_DIRECTORY: ContextVar[Path | None] = ContextVar(
     "PLUGIN_DIRECTORY", default=None
 )  # folder of the scenario that is loaded
+_REFUSED: ContextVar[bool] = ContextVar("_REFUSED", default=False)  # whether no module may be imported
 
 
 @contextlib.contextmanager
@@ -32,6 +33,16 @@ def plugin_path(folder: Path) -> Generator[None]:
         yield
     finally:
         PLUGIN_DIRECTORY.reset(token)
+
+
+@contextlib.contextmanager
+def refuse_imports() -> Generator[None]:
+    """Refuse user-defined parts within the context, for scenarios that can be of untrusted origin."""
+    token = _REFUSED.set(True)
+    try:
+        yield
+    finally:
+        _REFUSED.reset(token)
 
 
 def plugin_settings(name: str, settings: Any, base: type[BaseModel]) -> BaseModel:
@@ -46,8 +57,8 @@ def plugin_settings(name: str, settings: Any, base: type[BaseModel]) -> BaseMode
         Instance of the class.
 
     Raises:
-        ValidationError: If there is no such module or class, if the class is not a section with a method `build`, or if
-            the settings contain errors.
+        ValidationError: If there is no such module or class, if the class is not a section with a method `build`, if
+            the settings contain errors, or within `refuse_imports`.
     """
     try:
         kind = _kind(name, base)
@@ -63,7 +74,10 @@ def plugin_settings(name: str, settings: Any, base: type[BaseModel]) -> BaseMode
 
 
 def _kind(name: str, base: type[BaseModel]) -> type[BaseModel]:
+    """Return the class of a part; raise ValueError if it cannot be used."""
     module, _, last = name.partition(":")
+    if _REFUSED.get():
+        raise ValueError(f"{module} is not imported, because a log names it")
     folder = PLUGIN_DIRECTORY.get()
     if folder and str(folder) not in sys.path:
         sys.path.append(str(folder))  # not removed: the module may import others later

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import html
+import os
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,8 @@ CAPTIONS = {
     "figure_9_limits": "Figure 9. Errors, contact force, rotor effectiveness, and limits that act",
 }
 """Caption of each figure file."""
+PNG_BEGIN, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+"""First and last bytes of a PNG image."""
 FRAME_STYLE = """
 iframe { width: 100%; height: 860px; border: 1px solid var(--line); }
 @media (max-width: 700px) { iframe { height: 1500px; } }
@@ -76,7 +79,7 @@ def write_report(
     Raises:
         ValueError: If the folder contains no summary, if logs and summary differ in run, or if a file is damaged.
     """
-    if not (out / SUMMARY).is_file():
+    if not os.path.lexists(out / SUMMARY):
         raise ValueError(f"{out} contains no {SUMMARY}; colift study writes it at the end of all flights")
     summary, flights = result_files.load_summary(out / SUMMARY), log.load_flights(out, cases)[1]
     run, first = str(summary.get("run")), next(iter(flights.values()))
@@ -126,7 +129,7 @@ def write_report(
 def _load_certificate(out: Path, run: str) -> dict[str, Any] | None:
     """Return the certificate of a run; None if the folder contains none, or that of another run."""
     path = out / CERTIFICATE
-    if not (path.exists() or path.is_symlink()):
+    if not os.path.lexists(path):
         return None
     certificate = result_files.load_certificate(path)
     return certificate if str(certificate.get("run")) == run else None
@@ -310,11 +313,17 @@ def _contact_cells(found: Mapping[str, Any]) -> list[str]:
 
 
 def _figures(out: Path, run: str, certified: bool) -> Iterator[str]:
-    """Return the figures of the run in the folder."""
+    """Return the figures of the run in the folder; raise OSError or ValueError if a file is no figure of colift."""
     for name, caption in CAPTIONS.items():
         file = out / f"{name}.png"
-        if file.is_file() and run_directory.read_run_id(file) == run and (certified or name != "figure_6_certificate"):
-            yield html_page.figure(bounded_read.read_bytes(file, bounded_read.MAX_TABLE_BYTES), caption)
+        if not os.path.lexists(file) or (name == "figure_6_certificate" and not certified):
+            continue
+        run_directory.refuse_foreign_files([file])
+        if run_directory.read_run_id(file) == run:
+            png = bounded_read.read_bytes(file, bounded_read.MAX_TABLE_BYTES)
+            if not (png.startswith(PNG_BEGIN) and png.endswith(PNG_END)):
+                raise ValueError(f"{file} is damaged: not a complete PNG image; run the command that writes it again")
+            yield html_page.figure(png, caption)
 
 
 def _settings(settings: Scenario) -> str:

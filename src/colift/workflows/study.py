@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import shlex
 import sys
@@ -174,7 +175,7 @@ def flight_metrics(settings: Scenario, flight: FlightResult, experiment: Experim
 def _read_earlier_study(out: RunDirectory, repeated: Collection[str]) -> tuple[dict[str, Any], dict[str, xr.Dataset]]:
     """Return summary and logs of an earlier study of the same run, without the logs of repeated cases."""
     path = out.path / run_directory.SUMMARY_FILE
-    if not path.is_file():
+    if not os.path.lexists(path):
         return {}, {}
     shown = out.target / path.name
     try:

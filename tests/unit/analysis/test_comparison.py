@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -73,6 +74,13 @@ def test_settings_of_plugins_are_compared_as_text(runs):
             ds.attrs["scenario_json"] = text
     (found,) = comparison.differing_settings(runs).values()
     assert ("disturbances.0.init_args.gain", "1", "2") in found
+
+
+def test_a_pipe_as_summary_is_named(tmp_path):
+    os.mkfifo(make(tmp_path / "a", {}) / "pipe")
+    (tmp_path / "a" / "pipe").replace(tmp_path / "a" / "summary.json")
+    with pytest.raises(ValueError, match=r"summary\.json: a pipe, socket or device, not a regular file"):
+        comparison.load_runs([tmp_path / "a", tmp_path / "b"], CASES)
 
 
 def test_folders_that_are_no_runs_have_one_line_each(tmp_path):

@@ -9,6 +9,7 @@ import pytest
 
 from colift import scenario
 from colift.analysis import learning_benefit
+from colift.analysis.study_metrics import STUDY_METRICS, Metric
 from colift.scenario import team, template
 
 SETTINGS = scenario.parse(template.scenario_template("t", 3, 0), "t.yaml")
@@ -48,6 +49,8 @@ def case(e_p: float, e_R: float, **others: Any) -> dict[str, Any]:
         "update_times_s": [2.0],
         "e_p_rms_m": e_p,
         "e_R_rms": e_R,
+        "Psi_mean": 0.0,
+        "e_lam_rms_N": 1.0,
         "delta_W_force_rms_N": 1.0,
         "delta_W_moment_rms_Nm": 1.0,
     } | others
@@ -58,9 +61,35 @@ def test_a_figure_worse_with_learning_is_reported_with_its_cause() -> None:
     (c2, first), (c3, second) = learning_benefit.comparison_warnings(SETTINGS, cases)
     assert (c2, c3) == ("C2", "C3")
     assert first.startswith(
-        "the attitude error is 2.00 times that of C1; likely cause: the bias of the tip force sensors"
+        "the attitude error is 20.0 mrad instead of 10.0 mrad in C1 (ratio 2.00); "
+        "likely cause: the bias of the tip force sensors"
     )
-    assert second == "the position error is 2.00 times that of C1; likely cause: the flight ended early"
+    assert second == (
+        "the position error is 20.0 mm instead of 10.0 mm in C1 (ratio 2.00); likely cause: the flight ended early"
+    )
+
+
+@pytest.mark.parametrize("metric", [metric for metric in STUDY_METRICS if metric.key in learning_benefit.METRICS])
+def test_each_printed_error_is_compared_without_tolerance(metric: Metric):
+    step = 0.1 if metric.spec == ".1f" else 0.01
+    cases = [case(1.0, 1.0) | {metric.key: (10.0 + k * step) / metric.scale} for k in (0, 1)]
+    ((name, message),) = learning_benefit.comparison_warnings(SETTINGS, dict(zip(("C1", "C3"), cases, strict=True)))
+    assert name == "C3"
+    assert message.startswith(learning_benefit.METRICS[metric.key])
+    assert "; likely cause: " in message
+    swapped = dict(zip(("C3", "C1"), cases, strict=True))
+    assert list(learning_benefit.comparison_warnings(SETTINGS, swapped)) == []
+
+
+def test_all_errors_of_the_study_table_are_compared():
+    others = {"sigma_L_force_mean_N", "sigma_A_force_mean_N", "lam_max_N", "thrust_max_N"}
+    assert {metric.key for metric in STUDY_METRICS} == others | learning_benefit.METRICS.keys()
+
+
+def test_missing_and_zero_errors_are_compared():
+    cases = {"C1": case(0.0, 1.0, e_lam_rms_N=None), "C3": case(1.0, 1.0)}
+    ((_, message),) = learning_benefit.comparison_warnings(SETTINGS, cases)
+    assert message.startswith("the position error is 1000.0 mm instead of 0.0 mm in C1; likely cause")
 
 
 def test_data_that_end_before_a_lap_are_a_cause() -> None:
@@ -72,4 +101,4 @@ def test_data_that_end_before_a_lap_are_a_cause() -> None:
 
 def test_no_warning_without_a_comparison_or_an_increase() -> None:
     assert list(learning_benefit.comparison_warnings(SETTINGS, {"C3": case(2.0, 2.0)})) == []
-    assert list(learning_benefit.comparison_warnings(SETTINGS, {"C1": case(1.0, 1.0), "C3": case(1.04, 0.5)})) == []
+    assert list(learning_benefit.comparison_warnings(SETTINGS, {"C1": case(1.0, 1.0), "C3": case(1.00004, 0.5)})) == []

@@ -32,6 +32,7 @@ def log_with(**changes: Any) -> xr.Dataset:
         {"disturbances": [PLUGIN | {"name": "own", "acts_on": "payload"}]},
         {"sensors": {"models": [PLUGIN | {"channels": ["joint_position"]}]}},
         {"actuators": PLUGIN},
+        {"physics": PLUGIN},
         {"reference": PLUGIN},
         {"plugins": {"payload_controller": {"class_path": PLUGIN["class_path"]}}},
     ],
@@ -46,6 +47,12 @@ def test_no_plugin_of_a_log_is_imported(tmp_path: Path, monkeypatch: pytest.Monk
     assert poses.plugin_classes(ds) == [PLUGIN["class_path"]]
     assert "executed_by_log" not in sys.modules
     assert not (tmp_path / "executed").exists()
+
+
+def test_a_plugin_in_another_place_is_refused(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(poses, "_without_plugins", lambda data, ds: data)
+    with pytest.raises(ValueError, match="executed_by_log is not imported, because a log names it"):
+        poses.scenario_of_log(log_with(actuators=PLUGIN))
 
 
 def test_a_reference_plugin_becomes_its_first_position():

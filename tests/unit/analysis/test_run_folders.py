@@ -87,3 +87,9 @@ def test_search_is_bounded(tmp_path, monkeypatch):
         run_folders.find_runs(tmp_path, CASES)
     with pytest.raises(FileNotFoundError):
         run_folders.find_runs(tmp_path / "missing", CASES)
+
+
+def test_a_pipe_as_log_is_a_study_without_summary(tmp_path):
+    os.mkfifo(tmp_path / "C1.nc")
+    (found,) = run_folders.find_runs(tmp_path, CASES)
+    assert found.damage == "contains logs, but no summary.json: its study did not end"

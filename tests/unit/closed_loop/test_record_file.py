@@ -1,6 +1,7 @@
 """Tests of the temporary file with the records of a flight."""
 
 import contextlib
+import os
 import resource
 import signal
 import tempfile
@@ -60,6 +61,12 @@ def test_other_and_incomplete_files_are_refused(rows, tmp_path, change):
     path.write_bytes(change(path.read_bytes()))
     with pytest.raises(ValueError, match=r"flight\.rows: no records of a flight"):
         read_records(path)
+
+
+def test_a_pipe_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "flight.rows")
+    with pytest.raises(OSError, match="not a regular file"):
+        read_records(tmp_path / "flight.rows")
 
 
 def test_full_disk_is_named(rows):

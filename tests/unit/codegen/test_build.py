@@ -121,6 +121,11 @@ def test_renamed_library_is_not_loaded(folder):
     assert call_library(2) == 2
 
 
+def test_a_pipe_in_place_of_a_library_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "key-0.so")
+    assert build._load(tmp_path, "key") is None
+
+
 def test_cache_evicts_least_recently_used(folder, monkeypatch):
     monkeypatch.setattr(build, "MAX_LIBRARIES", 2)
     first = build.library(*library_source(1))

@@ -74,6 +74,14 @@ def test_an_entry_of_another_key_is_not_used(tmp_path):
     assert cache.get("second") is None
 
 
+def test_a_pipe_in_place_of_an_entry_is_replaced(tmp_path):
+    cache = program_cache.VerifiedCache(str(tmp_path))
+    os.mkfifo(tmp_path / "key.program")
+    assert cache.get("key") is None
+    cache.put("key", b"program")
+    assert cache.get("key") == b"program"
+
+
 def test_an_entry_that_cannot_be_written_is_omitted(tmp_path, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")

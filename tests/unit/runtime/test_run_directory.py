@@ -9,6 +9,8 @@ import os
 import socket
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -279,7 +281,6 @@ def test_a_lock_that_could_not_be_removed_is_not_held(out: Path, monkeypatch: py
 
     with monkeypatch.context() as failing, run_directory.stage_run_directory(out, A, NAMES):
         failing.setattr(Path, "unlink", fail)
-        failing.setattr(Path, "read_bytes", fail)
     assert lock_of(out).exists()
     write(out, A, "C1.nc")
     assert names(out.parent) == {"out"}
@@ -298,11 +299,48 @@ def test_a_zombie_process_does_not_hold_the_lock(out: Path):
         write(out, A, "C1.nc")
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"{}", b'{"pid": "me"}', b"\xff"])
-def test_a_lock_without_an_owner_is_removed(out: Path, content: bytes):
+OWNER = b'{"host": "elsewhere", "pid": 1, "began": "", "since": 0}'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *(b"", b"{", b"[]", b"{}", b'{"pid": "me"}', b"\xff", b"[" * 4000),
+        *(OWNER.replace(b": 1,", b": %s," % pid) for pid in (b"Infinity", b"-1")),
+        *(OWNER.replace(b": 0}", b": %s}" % since) for since in (b"1e300", b"NaN")),
+        *(OWNER.replace(b"where", b"%s" % host) for host in (b"\\n", b"\\ud800")),
+    ],
+)
+def test_a_lock_without_an_owner_is_removed(out: Path, content: bytes, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(time, "sleep", lambda _: None)
     lock_of(out).write_bytes(content)
     write(out, A, "C1.nc")
     assert names(out.parent) == {"out"}
+
+
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (os.mkfifo, "a pipe, socket or device, not a regular file"),
+        (Path.mkdir, "a folder, not a file"),
+        (lambda lock: lock.symlink_to("/dev/zero"), "a link, not a lock file of colift: remove it"),
+        (lambda lock: lock.symlink_to("missing"), "a link, not a lock file of colift: remove it"),
+        (lambda lock: lock.write_bytes(bytes(2**20)), "larger than"),
+    ],
+)
+def test_a_lock_that_colift_did_not_create_is_refused(out: Path, make: Callable[[Path], object], reason: str):
+    make(lock_of(out))
+    with pytest.raises(OSError, match=reason) as caught:
+        write(out, A, "C1.nc")
+    assert caught.value.filename == str(lock_of(out))
+    assert names(out.parent) == {lock_of(out).name}
+
+
+def test_a_pipe_in_place_of_the_own_lock_is_left(out: Path):
+    with run_directory.stage_run_directory(out, A, NAMES):
+        lock_of(out).unlink()
+        os.mkfifo(lock_of(out))
+    assert names(out.parent) == {"out", lock_of(out).name}
 
 
 def test_a_lock_of_another_computer_is_respected(out: Path):

@@ -103,6 +103,20 @@ with signals.handle_signals(), signals.on_exit(Cleared()):
     assert (done.returncode, done.stdout) == (130, "cleared\n")
 
 
+def test_an_exit_action_without_end_does_not_keep_the_process():
+    done = run_to_end(
+        BUSY
+        + """
+signals.ACTION_PERIOD = 0.2
+with signals.handle_signals(), signals.on_exit(lambda: time.sleep(90)):
+    threading.Timer(0.3, ask).start()
+    threading.Timer(0.6, ask).start()
+    deaf()
+"""
+    )
+    assert done.returncode == 130
+
+
 def test_status_after_request_is_130():
     """Other errors after the request, for example of a compiler that the same Ctrl-C ends, do not change the status."""
     for how in ("raise OSError('the compiler was killed')", "sys.exit(0)", "pass"):

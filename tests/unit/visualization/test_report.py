@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import os
 import re
 from pathlib import Path
 
@@ -23,6 +24,13 @@ from tests.support import playback_logs as played
 from tests.support import random_logs as flights
 from tests.support.summaries import SUMMARY, metrics, written
 
+FIGURE = "figure_1_tracking.png"
+
+
+def replaced_by_pipe(file: Path) -> None:
+    file.unlink()
+    os.mkfifo(file)
+
 
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
@@ -31,7 +39,7 @@ def out(tmp_path: Path) -> Path:
         log.save(ds, tmp_path / f"{case}.nc")
     named = PngInfo()
     named.add_text("Keywords", flights.RUN)
-    Image.new("RGB", (8, 8), "red").save(tmp_path / "figure_1_tracking.png", pnginfo=named)
+    Image.new("RGB", (8, 8), "red").save(tmp_path / FIGURE, pnginfo=named)
     written(tmp_path, {case: metrics() for case in played.CASES})
     return tmp_path
 
@@ -192,6 +200,10 @@ def test_differences_are_listed_as_overrides():
     ("spoil", "answer"),
     [
         (lambda out: (out / "summary.json").unlink(), "contains no summary.json; colift study writes it"),
+        (lambda out: replaced_by_pipe(out / "summary.json"), "summary.json: a pipe, socket or device, not a regular"),
+        (lambda out: replaced_by_pipe(out / FIGURE), f"{FIGURE}: a pipe, socket or device, not a regular file"),
+        (lambda out: (out / FIGURE).write_bytes(b""), f"contains {FIGURE}, which colift did not write: move it"),
+        (lambda out: (out / FIGURE).write_bytes((out / FIGURE).read_bytes()[:-9]), f"{FIGURE} is damaged: not a comp"),
         (lambda out: [(out / f"{case}.nc").unlink() for case in played.CASES], "contains no log"),
         (
             lambda out: written(out, {}, run="colift-run-ba9876543210"),
