@@ -54,6 +54,34 @@ def test_thousands_of_rows_give_path_and_acceleration(digits):
     assert fit.deviation == pytest.approx(np.sqrt((np.linalg.norm(d.p - p, axis=1) ** 2).mean()), rel=0.05, abs=1e-6)
 
 
+def trapezoid(rate: float, shift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and positions of 3 m from rest to rest with 2 m/s^2 and 1.5 m/s, oblique."""
+    t = np.arange(0, 5, 1 / rate)
+    s = np.clip(t - shift, 0, 2.75)
+    x = np.where(s < 0.75, s**2, np.where(s < 2, 1.5 * s - 0.5625, 3 - (2.75 - s) ** 2))
+    return t, x[:, None] * [0.6, 0.0, 0.8]
+
+
+@pytest.mark.parametrize("rate", [10, 20, 100])
+@pytest.mark.parametrize(("shift", "digits"), [(0.0, 12), (1.0, 12), (1.0, 5)])
+def test_steps_of_the_acceleration_are_not_exceeded(rate, shift, digits):
+    t, p = trapezoid(rate, shift)
+    path, _ = path_of(t, p.round(digits), flat(len(t)))
+    assert np.linalg.norm(along(path, jnp.asarray(t)).p - p, axis=1).max() <= 1e-3
+    between = np.linspace(t[0], t[-1], 5000)
+    assert np.linalg.norm(along(path, jnp.asarray(between)).a, axis=1).max() <= 1.05 * 2
+    np.testing.assert_allclose(along(path, jnp.zeros(1)).v, 0, atol=0.01)
+
+
+def test_a_limited_path_keeps_a_stated_deviation():
+    t, p = trapezoid(100)
+    for deviation in (1e-4, 1e-5):
+        path, fit = path_of(t, p, flat(len(t)), deviation=deviation)
+        assert fit.deviation <= deviation
+        between = np.linspace(t[0], t[-1], 5000)
+        assert np.linalg.norm(along(path, jnp.asarray(between)).a, axis=1).max() <= 1.05 * 2
+
+
 def test_noise_is_smoothed_to_less_than_its_size():
     rng, t = np.random.default_rng(0), 0.01 * np.arange(2000)
     turned = attitude(t) * Rotation.from_rotvec(1e-3 * rng.normal(size=(len(t), 3)))
