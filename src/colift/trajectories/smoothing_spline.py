@@ -61,6 +61,8 @@ MAX_EXCESS = 0.05
 """Largest relative excess of the acceleration of the path over that of the table."""
 MIN_EXCESS = 0.01
 """Excess of the acceleration that is disregarded [m/s^2]."""
+MAX_STEP_DEVIATION = 4e-3
+"""Largest deviation of a path that a path with limits may replace [m]."""
 MAX_SHARE = 0.37
 """Largest share of a tenth of the rows in the squared deviation of noise; normal noise of three axes has 0.27."""
 TIMES_PER_LEG = 8
@@ -233,20 +235,20 @@ def _limited_path(t: np.ndarray, p: np.ndarray, path: _Fit, stated: float | None
 
     A path is admissible if all rows are within the first of `POSITION_LIMITS`, and their deviation within a stated one.
     """
-    if path.freedom >= len(t) or path.deviation > 2 * POSITION_LIMITS[0]:
+    if path.freedom >= len(t) or path.deviation > MAX_STEP_DEVIATION:
         return []
     peak = _largest_acceleration(path)
-    table = second_differences(t, p, path.deviation, peak)
-    most = table.largest + max(MAX_EXCESS * table.largest, MIN_EXCESS)
-    if peak <= most and not _misses_steps(path):
-        return []
-    for legs in [*_leg_numbers(len(t)), min(len(t) - 1, MAX_LEGS)]:  # up to knots at all rows
-        if legs < len(path.knots) - 1:
+    finest = [legs for legs in (len(t) - 1, 2 * len(t) - 2) if legs <= MAX_LEGS]  # knots at and between all rows
+    numbers = [legs for legs in [*_leg_numbers(len(t)), *finest] if legs >= len(path.knots) - 1]
+    for noise in (path.deviation, 0.0):  # the deviation may be that of a step instead of noise
+        table = second_differences(t, p, noise, peak)
+        most = table.largest + max(MAX_EXCESS * table.largest, MIN_EXCESS)
+        if peak <= most and not (noise and _misses_steps(path)):
             continue
-        found = _fit_position(t, p, legs, table)
-        close = found.residual.max() <= POSITION_LIMITS[0] and found.deviation <= (stated or math.inf)
-        if close and _largest_acceleration(found) <= most:
-            return [found]
+        for found in (_fit_position(t, p, legs, table) for legs in numbers):
+            close = found.residual.max() <= POSITION_LIMITS[0] and found.deviation <= (stated or math.inf)
+            if close and _largest_acceleration(found) <= most:
+                return [found]
     return []
 
 
@@ -280,6 +282,8 @@ class _Basis:
         self.degree = min(DEGREE, len(t) - 1)
         self.rows = np.unique(np.linspace(0, len(t) - 1, legs + 1).round().astype(int))
         inner = t[self.rows[1:-1]]
+        if legs >= len(t):  # knots also between the rows, for a path with limits
+            inner = np.interp(np.linspace(0, len(t) - 1, legs + 1)[1:-1], np.arange(len(t)), t)
         if len(inner) + self.degree + 1 == len(t):  # as many coefficients as rows: knots between rows, to interpolate
             inner = np.array([t[k + 1 : k + 1 + self.degree].mean() for k in range(len(inner))])
         ends = np.repeat(t[[0]], self.degree + 1), np.repeat(t[[-1]], self.degree + 1)

@@ -54,11 +54,11 @@ def test_thousands_of_rows_give_path_and_acceleration(digits):
     assert fit.deviation == pytest.approx(np.sqrt((np.linalg.norm(d.p - p, axis=1) ** 2).mean()), rel=0.05, abs=1e-6)
 
 
-def trapezoid(rate: float, shift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and positions of 3 m from rest to rest with 2 m/s^2 and 1.5 m/s, oblique."""
-    t = np.arange(0, 5, 1 / rate)
-    s = np.clip(t - shift, 0, 2.75)
-    x = np.where(s < 0.75, s**2, np.where(s < 2, 1.5 * s - 0.5625, 3 - (2.75 - s) ** 2))
+def trapezoid(rate: float, shift: float = 0.0, a: float = 2.0, v: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and positions of 4 m from rest to rest with a trapezoidal velocity, oblique."""
+    t, rise, end = np.arange(0, 6, 1 / rate), v / a, 4 / v + v / a
+    s = np.clip(t - shift, 0, end)
+    x = np.where(s < rise, a * s**2 / 2, np.where(s < end - rise, v * (s - rise / 2), 4 - a * (end - s) ** 2 / 2))
     return t, x[:, None] * [0.6, 0.0, 0.8]
 
 
@@ -66,11 +66,21 @@ def trapezoid(rate: float, shift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("shift", "digits"), [(0.0, 12), (1.0, 12), (1.0, 5)])
 def test_steps_of_the_acceleration_are_not_exceeded(rate, shift, digits):
     t, p = trapezoid(rate, shift)
-    path, _ = path_of(t, p.round(digits), flat(len(t)))
+    p = p.round(digits)
+    largest = np.linalg.norm(np.diff(p, 2, axis=0), axis=1).max() * rate**2  # 2 m/s^2 and the effect of rounding
+    path, _ = path_of(t, p, flat(len(t)))
     assert np.linalg.norm(along(path, jnp.asarray(t)).p - p, axis=1).max() <= 1e-3
     between = np.linspace(t[0], t[-1], 5000)
-    assert np.linalg.norm(along(path, jnp.asarray(between)).a, axis=1).max() <= 1.05 * 2
+    assert np.linalg.norm(along(path, jnp.asarray(between)).a, axis=1).max() <= 1.05 * largest
     np.testing.assert_allclose(along(path, jnp.zeros(1)).v, 0, atol=0.01)
+
+
+@pytest.mark.parametrize(("a", "v"), [(3.0, 1.2), (4.0, 2.0), (5.0, 2.0)])
+def test_steps_within_few_rows_are_not_exceeded(a, v):
+    t, p = trapezoid(10, 0.0, a, v)
+    path, _ = path_of(t, p, flat(len(t)))
+    assert np.linalg.norm(along(path, jnp.asarray(t)).p - p, axis=1).max() <= 1e-3
+    assert np.linalg.norm(along(path, jnp.asarray(np.linspace(0, t[-1], 5000))).a, axis=1).max() <= 1.05 * a
 
 
 def test_a_limited_path_keeps_a_stated_deviation():
