@@ -16,18 +16,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from colift.analysis import waypoint_remedies
+from colift.analysis.waypoint_remedies import MAX_OVERSHOOT, MIN_OVERSHOOT, rounded_up
 from colift.math import so3
 from colift.models.parameters import Team
 from colift.scenario import Scenario, schema, trajectories
-from colift.trajectories import base, minimum_snap, smoothing_spline
+from colift.trajectories import base
 
-MAX_OVERSHOOT = 0.2  # of the side of the box of the poses
-MIN_OVERSHOOT = 0.01  # m
 SAMPLES = 4000  # times on the reference
-SAMPLES_PER_LEG = 33  # times in each leg between waypoints
-MIN_TABLE_POSES = 20  # poses from which `kind: sampled` is proposed
-MAX_SHOWN_LEGS = 6  # legs that a message lists
-TRIED_INTERVALS = 25  # factors of a duration that a search evaluates
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,6 +55,18 @@ class _Motion:
         return np.linalg.norm(self.d.a, axis=1)
 
 
+@dataclasses.dataclass(frozen=True)
+class _Fault:
+    """Overshoot, or excess of the thrust."""
+
+    sentence: str
+    values: dict[str, Any]
+    t: float
+    most: float  # largest acceleration of the team in the direction of the reference's [m/s^2]
+    ratio: float = 0.0  # required over available thrust
+    turning: bool = False  # whether the rotation is the reason
+
+
 Problem = tuple[str, str, dict[str, Any]]
 """Sentence, remedy and values."""
 
@@ -77,7 +85,7 @@ def check_reference(settings: Scenario, team: Team) -> ReferenceFinding | None:
     if not isinstance(given, schema.Waypoints | schema.Sampled):
         return None
     motion = _sample(settings)
-    problems = [*_overshoot(settings, team, motion), *_acceleration(settings, team, motion), *_shorter_way(given)]
+    problems = list(_problems(settings, team, motion))
     k = int(np.argmax(motion.acceleration))
     peak = f"largest acceleration {motion.acceleration[k]:.3g} m/s² at {motion.t[k]:.3g} s"
     values: dict[str, Any] = {"acceleration_mps2": float(motion.acceleration[k])}
@@ -89,6 +97,47 @@ def check_reference(settings: Scenario, team: Team) -> ReferenceFinding | None:
         advice=tuple(remedy for _, remedy, _ in problems),
         warnings=tuple(f"the reference {sentence}; {remedy}" for sentence, remedy, _ in problems),
     )
+
+
+def _problems(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Problem]:
+    """Yield the problems, each with a remedy; all faults of the path of waypoints have one remedy."""
+    given = settings.reference
+    over, excess = _overshoot(settings, team, motion), _acceleration(settings, team, motion)
+    if isinstance(given, schema.Sampled):
+        if over is not None:
+            yield over.sentence, _less_overshoot_of_table(given, over), over.values
+        if excess is not None:
+            yield excess.sentence, _less_acceleration_of_table(given, motion, excess), excess.values
+        return
+    assert isinstance(given, schema.Waypoints)
+    turns = list(_shorter_way(given))
+    if over is None and excess is None:
+        yield from turns
+        return
+    found = [fault for fault in (over, excess) if fault is not None]
+    faults = waypoint_remedies.Faults(
+        found[-1].t, over is not None, excess is not None, found[-1].turning, found[-1].most, settings.duration_s
+    )
+    works = functools.partial(_is_flyable, settings, team)
+    both = waypoint_remedies.remedy_with_turns(given, faults, works) if turns else ""
+    sentences = [fault.sentence for fault in found]
+    if both:
+        yield "; ".join([*sentences, turns[0][0]]), both, _united(found)
+    else:
+        yield "; ".join(sentences), waypoint_remedies.remedy(given, faults, works), _united(found)
+        yield from turns
+
+
+def _united(faults: list[_Fault]) -> dict[str, Any]:
+    return {name: value for fault in faults for name, value in fault.values.items()}
+
+
+def _is_flyable(settings: Scenario, team: Team, given: schema.Waypoints) -> bool:
+    """Return whether a path through other waypoints stays near them and within the thrust."""
+    end = max(settings.duration_s, given.poses[-1].time_s)
+    changed = settings.model_copy(update={"reference": given, "duration_s": end})
+    motion = _sample(changed)
+    return _overshoot(changed, team, motion) is None and _acceleration(changed, team, motion) is None
 
 
 def slower_reference(settings: Scenario) -> str:
@@ -139,8 +188,8 @@ def _leg(given: schema.Waypoints | schema.Sampled, t: float) -> str:
 # Overshoot ------------------------------------------------------------------------------------------------------------
 
 
-def _overshoot(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Problem]:
-    """Yield the largest distance of the path from the box of the poses, if it is too large."""
+def _overshoot(settings: Scenario, team: Team, motion: _Motion) -> _Fault | None:
+    """Return the largest distance of the path from the box of the poses, if it is too large."""
     given = settings.reference
     assert isinstance(given, schema.Waypoints | schema.Sampled)
     if isinstance(given, schema.Waypoints):
@@ -154,77 +203,30 @@ def _overshoot(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Prob
     over = beyond / np.maximum(high - low, MIN_OVERSHOOT / MAX_OVERSHOOT)
     k, axis = np.unravel_index(np.argmax(np.where(over > MAX_OVERSHOOT, beyond, 0)), beyond.shape)
     if over[k, axis] <= MAX_OVERSHOOT:
-        return
+        return None
     size, t = float(beyond[k, axis]), float(motion.t[inside][k])
     sentence = f"leaves the box of its poses by {size:.3g} m along {'xyz'[axis]}{_leg(given, t)} at {t:.3g} s"
     most = _largest_acceleration(team, np.asarray(motion.d.a)[inside][k])
-    yield sentence, _less_overshoot(given, t, most), {"overshoot_m": size, "overshoot_time_s": t}
+    return _Fault(sentence, {"overshoot_m": size, "overshoot_time_s": t}, t, most)
 
 
-def _less_overshoot(given: schema.Waypoints | schema.Sampled, t: float, most: float) -> str:
+def _less_overshoot_of_table(given: schema.Sampled, fault: _Fault) -> str:
     """Return a change that keeps the path near its poses."""
-    if isinstance(given, schema.Sampled):
-        noise = _larger_deviation("deviation_m", given.table("position_fits"), most)
-        return noise or f"add poses to the table about {t:.3g} s, between which the path is not determined"
-    times, p = np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses])
-    T = np.diff(times)
-    for least in np.geomspace(T.min(), T.max(), TRIED_INTERVALS)[1:]:
-        longer = np.concatenate([[times[0]], times[0] + np.cumsum(np.maximum(T, least))])
-        if _excess(p, _snap_path(longer, p, 0)) <= MAX_OVERSHOOT:
-            short = np.flatnonzero(least > T)
-            return f"give {_legs(short)} at least {_rounded_up(least)} s (reference.poses: time_s)"
-    fit = smoothing_spline.fit_samples(times, p, np.broadcast_to(np.eye(3), (len(p), 3, 3)))
-    path = smoothing_spline.pose_spline(fit.knots)
-    if _excess(p, np.asarray(_along(path, jnp.linspace(times[0], times[-1], SAMPLES)).p)) <= MAX_OVERSHOOT:
-        return "kind: sampled with these poses as a table stays near the box"
-    k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(T) - 1))
-    if _excess(p, _snap_path(*_with_middle(times, p, k), 0)) <= MAX_OVERSHOOT:
-        return f"add a pose in the middle of leg {k + 1} (reference.poses)"
-    return "add poses between those of the legs that are too long, or use a table of the whole path with kind: sampled"
-
-
-def _excess(p: np.ndarray, path: np.ndarray) -> float:
-    """Return the largest overshoot of a path relative to the side of the box of the points."""
-    side, low, high = np.ptp(p, axis=0), p.min(0), p.max(0)
-    return float((np.maximum(low - path, path - high) / np.maximum(side, MIN_OVERSHOOT / MAX_OVERSHOOT)).max())
-
-
-def _snap_path(times: np.ndarray, p: np.ndarray, order: int) -> np.ndarray:
-    """Evaluate a derivative of the minimum-snap path in every leg."""
-    c, T = minimum_snap.minimum_snap_coefficients(times, p), np.diff(times)
-    c = np.moveaxis(np.polynomial.polynomial.polyder(np.moveaxis(c, 1, 0), order), 0, 1)
-    powers = (T[:, None] * np.linspace(0, 1, SAMPLES_PER_LEG))[:, :, None] ** np.arange(c.shape[1])
-    return (powers @ c).reshape(-1, 3)
-
-
-def _with_middle(times: np.ndarray, p: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    return np.insert(times, k + 1, times[k : k + 2].mean()), np.insert(p, k + 1, p[k : k + 2].mean(0), axis=0)
-
-
-def _legs(numbers: np.ndarray) -> str:
-    shown = [str(k + 1) for k in numbers[:MAX_SHOWN_LEGS]]
-    if len(numbers) > MAX_SHOWN_LEGS:
-        return f"legs {', '.join(shown)} and {len(numbers) - MAX_SHOWN_LEGS} more"
-    return f"leg{'s' * (len(shown) > 1)} {' and '.join(filter(None, [', '.join(shown[:-1]), shown[-1]]))}"
-
-
-def _rounded_up(x: float) -> str:
-    """Format a number with two digits, not below it."""
-    scale = 10.0 ** (np.floor(np.log10(x)) - 1)
-    return f"{np.ceil(x / scale - 1e-9) * scale:.3g}"
+    noise = _larger_deviation("deviation_m", given.table("position_fits"), fault.most)
+    return noise or f"add poses to the table about {fault.t:.3g} s, between which the path is not determined"
 
 
 # Acceleration ---------------------------------------------------------------------------------------------------------
 
 
-def _acceleration(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Problem]:
-    """Yield the largest excess of the thrust that the motion requires over that of the team or of one agent."""
+def _acceleration(settings: Scenario, team: Team, motion: _Motion) -> _Fault | None:
+    """Return the largest excess of the thrust that the motion requires over that of the team or of one agent."""
     given = settings.reference
     assert isinstance(given, schema.Waypoints | schema.Sampled)
     ratio, alone = _thrust_ratio(team, motion.d)
     k = int(np.argmax(ratio))
     if ratio[k] <= 1:
-        return
+        return None
     t, a = float(motion.t[k]), np.asarray(motion.d.a)[k]
     size, turn = float(np.linalg.norm(a)), float(np.linalg.norm(motion.d.omega_dot[k]))
     values = {"excess_time_s": t, "excess_acceleration_mps2": size, "excess_angular_acceleration_radps2": turn}
@@ -236,7 +238,7 @@ def _acceleration(settings: Scenario, team: Team, motion: _Motion) -> Iterator[P
         sentence = (
             f"accelerates by {size:.3g} m/s² at {t:.3g} s{_leg(given, t)}; the limit of the team is {most:.3g} m/s²"
         )
-    yield sentence, _less_acceleration(given, motion, t, most, float(ratio[k]), bool(alone[k])), values
+    return _Fault(sentence, values, t, most, float(ratio[k]), bool(alone[k]))
 
 
 def _thrust_ratio(team: Team, d: base.PayloadSetpoint) -> tuple[np.ndarray, np.ndarray]:
@@ -275,47 +277,17 @@ def _largest_acceleration(team: Team, direction: np.ndarray) -> float:
     return max(along + float(np.sqrt(max(along**2 - float(g @ g) + (thrust / mass) ** 2, 0.0))), 0.0)
 
 
-def _less_acceleration(
-    given: schema.Waypoints | schema.Sampled, motion: _Motion, t: float, most: float, ratio: float, turning: bool
-) -> str:
-    """Return a change that reduces the acceleration to that of the team."""
-    if isinstance(given, schema.Sampled):
-        return _less_acceleration_of_table(given, motion, t, most, ratio, turning)
-    times, p = np.array([pose.time_s for pose in given.poses]), np.array([pose.position_m for pose in given.poses])
-    T = np.diff(times)
-    k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(T) - 1))
-    if turning:
-        return f"give leg {k + 1} {_rounded_up(T[k] * np.sqrt(ratio))} s or more (reference.poses: time_s)"
-    if len(times) >= MIN_TABLE_POSES:
-        choices = smoothing_spline.fit_samples(times, p, np.broadcast_to(np.eye(3), (len(p), 3, 3))).choices
-        if choices[-1][1] < most:
-            return (
-                f"kind: sampled with these poses as a table keeps the start velocity and needs "
-                f"{choices[-1][1]:.3g} m/s²"
-            )
-    for factor in np.geomspace(1.1, 100, TRIED_INTERVALS):
-        longer = times + np.where(np.arange(len(times)) > k, (factor - 1) * T[k], 0.0)
-        if np.linalg.norm(_snap_path(longer, p, 2), axis=1).max() < most:
-            return f"give leg {k + 1} {_rounded_up(factor * T[k])} s (reference.poses: time_s)"
-    for factor in np.geomspace(1.1, 100, TRIED_INTERVALS):
-        if np.linalg.norm(_snap_path(times * factor, p, 2), axis=1).max() < most:
-            return f"multiply all times by {_rounded_up(factor)} (reference.poses: time_s)"
-    return "give all legs more time (reference.poses: time_s)"
-
-
-def _less_acceleration_of_table(
-    given: schema.Sampled, motion: _Motion, t: float, most: float, ratio: float, turning: bool
-) -> str:
+def _less_acceleration_of_table(given: schema.Sampled, motion: _Motion, fault: _Fault) -> str:
     """Return a change for a table: a larger deviation if it suffices, else a slower motion."""
-    if t > given.end_s:
+    if fault.t > given.end_s:
         return f"reduce duration_s to {given.end_s:.4g}, or add poses with which the table ends at rest"
-    if turning:
-        limit = float(np.linalg.norm(motion.d.omega_dot, axis=1).max()) / ratio
+    if fault.turning:
+        limit = float(np.linalg.norm(motion.d.omega_dot, axis=1).max()) / fault.ratio
         noise = _larger_deviation("deviation_deg", given.table("attitude_fits"), limit)
     else:
-        noise = _larger_deviation("deviation_m", given.table("position_fits"), most)
-    factor = np.sqrt(ratio if turning else float(motion.acceleration.max()) / max(most, 1e-3))
-    return noise or f"--set reference.time_scale={_rounded_up(1.05 * factor)}, which is a slower motion"
+        noise = _larger_deviation("deviation_m", given.table("position_fits"), fault.most)
+    factor = np.sqrt(fault.ratio if fault.turning else float(motion.acceleration.max()) / max(fault.most, 1e-3))
+    return noise or f"--set reference.time_scale={rounded_up(1.05 * factor)}, which is a slower motion"
 
 
 def _larger_deviation(name: str, fits: np.ndarray, limit: float) -> str:
@@ -325,7 +297,7 @@ def _larger_deviation(name: str, fits: np.ndarray, limit: float) -> str:
         return ""
     deviation, peak = smoother[np.argmin(smoother[:, 0])]
     unit = "m/s²" if name == "deviation_m" else "rad/s²"
-    change = f"--set reference.{name}={_rounded_up(deviation)}"
+    change = f"--set reference.{name}={rounded_up(deviation)}"
     return f"if this is noise of the table, {change} reduces it to {peak:.3g} {unit}"
 
 
@@ -341,11 +313,11 @@ def _shorter_way(given: schema.Waypoints | schema.Sampled) -> Iterator[Problem]:
     if isinstance(given, schema.Sampled):
         return
     angles = np.array([pose.rpy_deg for pose in given.poses])
-    unwrapped = np.ptp(angles, axis=0) >= 360
-    for k, change in enumerate(np.abs(np.diff(angles, axis=0))):
-        for axis in np.flatnonzero(unwrapped & (change > 180)):
+    for k, change in enumerate(np.diff(angles, axis=0)):
+        pieces = waypoint_remedies.turn_pieces(given, k)
+        if pieces > 1:
+            axis = int(np.argmax(np.where(np.ptp(angles, axis=0) >= 360, np.abs(change), 0)))
             name = ("roll", "pitch", "yaw")[axis]
-            sentence = f"changes {name} by {change[axis]:g} deg in leg {k + 1}, which turns by the shorter way"
-            pieces = int(change[axis] // 170) + 1
+            sentence = f"changes {name} by {abs(change[axis]):g} deg in leg {k + 1}, which turns by the shorter way"
             yield sentence, f"add {pieces - 1} poses to leg {k + 1}, so that each turns by 170 deg or less", {}
             return

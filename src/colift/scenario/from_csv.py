@@ -30,8 +30,10 @@ def expand(section: WaypointsFromFile, folder: Path) -> tuple[dict[str, Any], li
     """Return the reference in plain numbers, and its errors as `(location, message)`."""
     try:
         content = bounded_read.read_bytes(folder / section.file, bounded_read.MAX_TABLE_BYTES)
-        rows = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
+        rows = csv.reader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True, skipinitialspace=True)
         names = ["time_s" if name.strip() == "t_s" else name.strip() for name in next(rows, [])]  # t_s: schema 1
+        if names and not names[-1]:  # a separator at the end of the line
+            names.pop()
         poses, errors = [], list(_columns(names))
         for row in [] if errors else rows:
             if row:
@@ -67,6 +69,8 @@ def _columns(names: list[str]) -> Iterator[str]:
 
 def _pose(names: list[str], row: list[str]) -> tuple[dict[str, Any], list[str]]:
     """Return one line as a pose, and its errors."""
+    if len(row) == len(names) + 1 and not row[-1].strip():  # a separator at the end of the line
+        row = row[:-1]
     if len(row) != len(names):
         return {}, [f"must have {len(names)} values, got {len(row)}"]
     numbers, errors = {}, []

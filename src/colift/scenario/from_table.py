@@ -6,8 +6,11 @@ its rows replaces the table, so that results contain all data of the reference.
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import io
+import itertools
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -61,7 +64,8 @@ class SampledFromFile(Section):
     separator: Literal["auto", "comma", "semicolon", "tab", "space"] = "auto"
     """Separator of the columns; by default the one of the first pose."""
     comment: Annotated[str, Field(strict=True, min_length=1, max_length=3)] = "#"
-    """Start of a comment line. The last comment before the first pose may be the header."""
+    """Start of a comment, at the start of a line or behind a pose. The last comment line before the first pose may be
+    the header."""
     frame: Literal["enu", "ned"] = "enu"
     """Axes: `enu` with z up; `ned` with z down and body axes forward, right, down, as PX4 writes them."""
     time_offset_s: fields.TimeOffset | None = None
@@ -146,20 +150,22 @@ def _read(section: SampledFromFile, lines: Iterator[tuple[int, str]]) -> _Table:
         if text.startswith(section.comment):
             header = (number, text.removeprefix(section.comment).strip())
         elif text:
-            first = number, text
+            first = number, line
             break
     if first is None:
         raise _TableError("must hold two poses or more, got 0")
-    separator = _separator(section, first[1])
+    comment, separator = section.comment, _separator(section, first[1])
+    first = first[0], _stripped(first[1], separator)
     if not _is_number(_split(first[1], separator)[0]):  # the first line that is not a comment is the header
-        header, first = first, None
-    elif header is not None and len(_split(header[1], separator)) != len(_split(first[1], separator)):
-        header = None  # a comment about something else
+        header, first = (first[0], _without_comment(first[1], separator, comment)), None
+    given = [] if header is None else _trimmed(_split(header[1], separator), 0)
+    stated = len(section.columns if isinstance(section.columns, tuple) else given)
+    width = None if first is None else len(_cells(first[1], separator, comment, stated))
     names = None
-    if header is not None:  # t_s is the name of schema 1
-        names = header[0], ["time_s" if name == "t_s" else name for name in _split(header[1], separator)]
-    wanted, width = _columns(section, names, None if first is None else len(_split(first[1], separator)))
-    return _numbers([] if first is None else [first], lines, section.comment, separator, wanted, width)
+    if header is not None and len(given) == (width or len(given)):  # or else a comment about something else
+        names = header[0], ["time_s" if name == "t_s" else name for name in given]  # t_s: schema 1
+    wanted, width = _columns(section, names, width)
+    return _numbers([] if first is None else [first], lines, comment, separator, wanted, width)
 
 
 def _numbers(
@@ -173,10 +179,10 @@ def _numbers(
     """Read the rows of a table."""
     values: dict[str, list[float | int]] = {name: [] for name in wanted}
     numbers, errors = [], []
-    for number, line in [*first, *((n, text.strip()) for n, text in lines)]:
-        if not line or line.startswith(comment):
+    for number, line in itertools.chain(first, ((n, _stripped(text, separator)) for n, text in lines)):
+        if not line.strip() or line.lstrip().startswith(comment):
             continue
-        cells = _split(line, separator)
+        cells = _cells(line, separator, comment, width)
         if len(cells) != width:
             errors.append(f"line {number}: must have {width} values, got {len(cells)}")
         else:
@@ -211,14 +217,52 @@ def _separator(section: SampledFromFile, line: str) -> str | None:
     """Return the separator; None for any number of spaces."""
     if section.separator != "auto":
         return SEPARATORS[section.separator]
-    return next((mark for mark in (";", "\t", ",") if mark in line), None)
+    bare = re.sub(r'"[^"]*"', "", line).partition(section.comment)[0]
+    return next((mark for mark in (";", "\t", ",") if mark in bare), None)
+
+
+def _stripped(line: str, separator: str | None) -> str:
+    """Return a line without space at its ends; tabs that separate cells are kept."""
+    return line.strip(" \r\n") if separator == "\t" else line.strip()
+
+
+def _cells(line: str, separator: str | None, comment: str, width: int) -> list[str]:
+    """Return the cells of a pose; a comment and one separator behind it are dropped if `width` cells are left."""
+    if comment in line:
+        short = _trimmed(_split(line[: _comment_start(line, comment)], separator), width)
+        if len(short) == width:
+            return short
+    return _trimmed(_split(line, separator), width)
 
 
 def _split(line: str, separator: str | None) -> list[str]:
-    """Return the cells of a line; one separator at its end is permitted."""
+    """Return the cells of a line; a separator within quotes is a part of its cell."""
     if separator is None:
         return line.split()
-    return [cell.strip().strip('"') for cell in line.removesuffix(separator).split(separator)]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    except csv.Error as error:
+        raise _TableError(f"cannot be read: {error}") from None
+
+
+def _trimmed(cells: list[str], width: int) -> list[str]:
+    """Drop an empty last cell, after a separator at the end of the line, if there are more than `width` cells."""
+    return cells[:-1] if len(cells) > width and not cells[-1] else cells
+
+
+def _comment_start(line: str, comment: str) -> int:
+    """Return the index of the first comment outside quotes; the length of the line if there is none."""
+    masked = re.sub(r'"[^"]*"', lambda quoted: "\0" * len(quoted[0]), line)
+    found = masked.find(comment)
+    return len(line) if found < 0 else found
+
+
+def _without_comment(header: str, separator: str | None, comment: str) -> str:
+    """Return a line of names without the comment behind it, which has a space on either side."""
+    start = _comment_start(header, comment)
+    before, after = header[:start], header[start + len(comment) :]
+    alone = before[-1:].isspace() and after[:1].isspace() and not before.rstrip().endswith(separator or "\n")
+    return before.rstrip() if alone else header
 
 
 def _is_number(text: str) -> bool:

@@ -17,6 +17,7 @@ See Also:
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 
@@ -26,6 +27,7 @@ from scipy import interpolate, linalg
 from scipy.sparse import linalg as sparse_linalg
 
 from colift.trajectories.knots import POSITION_COLUMNS
+from colift.trajectories.limited_acceleration import SecondDifferences, limited_coefficients, second_differences
 from colift.trajectories.pose_spline import PiecewisePolynomial, PoseSpline
 from colift.trajectories.rotation_legs import (
     HERMITE,
@@ -55,6 +57,16 @@ MAX_LEGS = 4000
 """Largest number of legs."""
 MAX_TO_RMS = 10.0
 """Largest ratio of the largest and the root-mean-square deviation of noise."""
+MAX_EXCESS = 0.05
+"""Largest relative excess of the acceleration of the path over that of the table."""
+MIN_EXCESS = 0.01
+"""Excess of the acceleration that is disregarded [m/s^2]."""
+MAX_STEP_DEVIATION = 4e-3
+"""Largest deviation of a path that a path with limits may replace [m]."""
+MAX_SHARE = 0.37
+"""Largest share of a tenth of the rows in the squared deviation of noise; normal noise of three axes has 0.27."""
+TIMES_PER_LEG = 8
+"""Times in each leg at which the acceleration is evaluated."""
 FINER_FITS = 6
 """Number of finer fits that are tried after the best one."""
 MAX_LEG_TURN = 1.0
@@ -166,6 +178,7 @@ def fit_samples(
     if not (np.diff(t) > 0).all():
         raise ValueError(f"table: the time must ascend, but row {int(np.argmin(np.diff(t) > 0)) + 2}")
     paths = _select(len(t), lambda legs: _fit_position(t, p, legs), deviation, POSITION_LIMITS)
+    paths += _limited_path(t, p, paths[-1], deviation)
     turning = np.concatenate([[0.0], np.linalg.norm(shortest_turns(R), axis=1).cumsum()])
     if turning[-1] == 0:
         constant = _rows(np.repeat(R[:1], 2, axis=0), np.zeros((2, 3, 3)))
@@ -198,10 +211,8 @@ def _select(
     With a stated deviation the fit with the fewest legs within it is selected. Otherwise it is the fit of generalized
     cross-validation if it follows the rows (`_Fit.follows_rows`), or else the finest one.
     """
-    finest = min(max(rows - DEGREE, 1), MAX_LEGS)
-    numbers = [math.ceil(REFINEMENT**k) for k in range(100) if REFINEMENT**k <= finest / 2] + [finest]
     fits: list[_Fit] = []
-    for found in filter(None, map(fit, dict.fromkeys(numbers))):
+    for found in filter(None, map(fit, _leg_numbers(rows))):
         fits.append(found)
         best = int(np.argmin([each.gcv for each in fits]))
         if stated is not None and found.deviation <= stated:
@@ -210,6 +221,50 @@ def _select(
         if stated is None and done and fits[best].follows_rows(*default):
             return fits[: best + 1]
     return fits[: best + 1] if stated is None and fits[best].follows_rows(*default) else fits
+
+
+def _leg_numbers(rows: int) -> list[int]:
+    """Return the numbers of legs that are tried, ascending."""
+    finest = min(max(rows - DEGREE, 1), MAX_LEGS)
+    numbers = [math.ceil(REFINEMENT**k) for k in range(100) if REFINEMENT**k <= finest / 2] + [finest]
+    return list(dict.fromkeys(numbers))
+
+
+def _limited_path(t: np.ndarray, p: np.ndarray, path: _Fit, stated: float | None) -> list[_Fit]:
+    """Return a path within the acceleration of the table where `path` exceeds it or misses steps, or an empty list.
+
+    A path is admissible if all rows are within the first of `POSITION_LIMITS`, and their deviation within a stated one.
+    """
+    if path.freedom >= len(t) or path.deviation > MAX_STEP_DEVIATION:
+        return []
+    peak = _largest_acceleration(path)
+    finest = [legs for legs in (len(t) - 1, 2 * len(t) - 2) if legs <= MAX_LEGS]  # knots at and between all rows
+    numbers = [legs for legs in [*_leg_numbers(len(t)), *finest] if legs >= len(path.knots) - 1]
+    for noise in (path.deviation, 0.0):  # the deviation may be that of a step instead of noise
+        table = second_differences(t, p, noise, peak)
+        most = table.largest + max(MAX_EXCESS * table.largest, MIN_EXCESS)
+        if peak <= most and not (noise and _misses_steps(path)):
+            continue
+        for found in (_fit_position(t, p, legs, table) for legs in numbers):
+            close = found.residual.max() <= POSITION_LIMITS[0] and found.deviation <= (stated or math.inf)
+            if close and _largest_acceleration(found) <= most:
+                return [found]
+    return []
+
+
+def _misses_steps(path: _Fit) -> bool:
+    """Return whether rows are far from the path, but not by noise: few rows have most of the squared deviation."""
+    squares = np.sort(path.residual**2)[::-1]
+    share = float(squares[: max(len(squares) // 10, 1)].sum() / max(squares.sum(), 1e-30))
+    return bool(path.residual.max() > POSITION_LIMITS[0] and share > MAX_SHARE)
+
+
+def _largest_acceleration(path: _Fit) -> float:
+    """Return the largest acceleration on the path, also between its knots [m/s^2]."""
+    a, j = path.states[:, 6:9], path.states[:, 9:12]
+    times = np.linspace(path.knots[:-1], path.knots[1:], TIMES_PER_LEG, endpoint=False).ravel()
+    inner = interpolate.CubicHermiteSpline(path.knots, a, j)(np.append(times, path.knots[-1]))
+    return float(np.linalg.norm(inner, axis=1).max())
 
 
 def _converged(fits: list[_Fit], limit: float) -> bool:
@@ -227,13 +282,19 @@ class _Basis:
         self.degree = min(DEGREE, len(t) - 1)
         self.rows = np.unique(np.linspace(0, len(t) - 1, legs + 1).round().astype(int))
         inner = t[self.rows[1:-1]]
+        if legs >= len(t):  # knots also between the rows, for a path with limits
+            inner = np.interp(np.linspace(0, len(t) - 1, legs + 1)[1:-1], np.arange(len(t)), t)
         if len(inner) + self.degree + 1 == len(t):  # as many coefficients as rows: knots between rows, to interpolate
             inner = np.array([t[k + 1 : k + 1 + self.degree].mean() for k in range(len(inner))])
         ends = np.repeat(t[[0]], self.degree + 1), np.repeat(t[[-1]], self.degree + 1)
         self.t = np.concatenate([ends[0], inner, ends[1]])
         self.knots, self.count = self.t[self.degree : -self.degree], len(inner) + self.degree + 1
         self.B = interpolate.BSpline.design_matrix(t, self.t, self.degree)
-        self._solve = sparse_linalg.splu(self.B.tocsc()).solve if self.count == len(t) else self._normal_equations()
+
+    @functools.cached_property
+    def _solve(self) -> Callable[[np.ndarray], np.ndarray]:
+        """Return the interpolation if there are as many coefficients as rows, or the least-squares solution."""
+        return sparse_linalg.splu(self.B.tocsc()).solve if self.count == self.B.shape[0] else self._normal_equations()
 
     def _normal_equations(self) -> Callable[[np.ndarray], np.ndarray]:
         """Return the least-squares solution by Cholesky factorization, with one step of iterative refinement."""
@@ -263,10 +324,10 @@ class _Basis:
         return np.array([self.t[k + 1 : k + 1 + self.degree].mean() for k in range(self.count)])
 
 
-def _fit_position(t: np.ndarray, p: np.ndarray, legs: int) -> _Fit:
-    """Fit the position with a number of legs."""
+def _fit_position(t: np.ndarray, p: np.ndarray, legs: int, limits: SecondDifferences | None = None) -> _Fit:
+    """Fit the position with a number of legs, within the range of second differences if they are given."""
     basis = _Basis(t, legs)
-    c = basis.fit(p)
+    c = basis.fit(p) if limits is None else limited_coefficients(basis.B, basis.t, basis.degree, p, limits)
     return _Fit(
         freedom=basis.count,
         knots=basis.knots,

@@ -5,10 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from colift import scenario
 from colift.analysis import reference_checks
-from colift.scenario import Scenario, team
+from colift.scenario import Scenario, schema, team
 
 SHORT = ["learning.start_s=0.2", "learning.end_s=1", "learning.update_times_s=[0.9]"]
 
@@ -68,6 +69,50 @@ def test_an_overshoot_has_leg_time_size_and_a_time_that_helps():
     assert "leaves the box" not in eased.message
 
 
+def typed(settings: Scenario, advice: str) -> Scenario:
+    """Waypoints with the change that an advice states."""
+    poses = [pose.model_dump() for pose in settings.reference.poses]
+    if added := re.findall(r"\{time_s.*?\}", advice):
+        kept = [] if advice.startswith("replace") else poses
+        poses = sorted(kept + [yaml.safe_load(text) for text in added], key=lambda pose: pose["time_s"])
+    else:
+        times = re.search(r"time_s ([\d., ]+)", advice)[1].split(", ")
+        poses = [pose | {"time_s": float(t)} for pose, t in zip(poses, times, strict=True)]
+    changed = schema.Waypoints.model_validate({"kind": "waypoints", "poses": poses})
+    return settings.model_copy(update={"reference": changed, "duration_s": max(60, poses[-1]["time_s"])})
+
+
+HOLD = [(0, 0, 0, 2), (6, 1, 0, 2), (12, 1, 1, 2), (24, 1, 1, 2)]
+TURNS = [(0, 0, 0, 2, -179), (6, 1, 0, 2, 178), (12, 1, 1, 2, 150), (24, 1, 1, 2, 540)]
+FAST = [(0, 0, 0, 2), (0.3, 1, 0, 2), (12, 1, 1, 2)]
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [
+        UNEVEN,
+        HOLD,
+        TURNS,
+        FAST,
+        [(0, 0, 0, 2), (1, 10, 0, 2), (5, 12, 0, 2)],
+        [(0, 0, 0, 2), (0.2, 5, 0, 2), (0.4, 0, 0, 2)],
+        [(0, 0, 0, 2), (30, 5, 0, 2), (30.5, 5, 1, 2), (60, 0, 0, 3)],
+        [(0, 0, 0, 2, 0), (0.3, 0.1, 0, 2, 170), (5, 1, 0, 2, 170)],
+        [(0, 0, 0, 2, 0), (10, 0, 0, 2, 0), (11, 1, 0, 2, 90), (30, 1, 0, 2, 90), (31, 1, 1, 2, 90)],
+    ],
+)
+def test_one_change_removes_all_faults_as_typed(poses):
+    settings = waypoints(*poses)
+    (advice,) = found(settings).advice
+    assert found(typed(settings, advice)).advice == ()
+
+
+def test_a_path_beyond_the_duration_states_a_longer_one():
+    settings = waypoints(*FAST).model_copy(update={"duration_s": 12.0})
+    (advice,) = found(settings).advice
+    assert advice.endswith("; duration_s: 22.7 for the whole path)")
+
+
 def test_poses_that_waypoints_cannot_pass_are_for_a_table(tmp_path):
     rows = [(0, 0, 0, 2), (0.05, 0.01, 0, 2), (6, 1, 0, 2), (6.02, 1, 0, 2), (8, 0, 0, 2)]
     seen = found(waypoints(*rows))
@@ -92,11 +137,8 @@ def test_a_dense_table_that_starts_in_motion_is_for_a_table(tmp_path):
 def test_a_leg_that_is_too_fast_is_given_more_time():
     poses = [(0, 0, 0, 2), (1, 10, 0, 2), (5, 12, 0, 2)]
     seen = found(waypoints(*poses))
-    factor = re.search(r"give leg 1 ([\d.]+) s|multiply all times by ([\d.]+)", seen.advice[-1])
-    assert factor
-    later = float(factor[1]) - 1 if factor[1] else 0.0
-    scale = float(factor[2] or 1)
-    slow = found(waypoints(poses[0], *((scale * (t + later), *p) for t, *p in poses[1:])))
+    assert re.match(r"give leg 1 (at least )?[\d.]+ s|multiply all times by [\d.]+", seen.advice[-1])
+    slow = found(typed(waypoints(*poses), seen.advice[-1]))
     assert "accelerates by" not in slow.message
 
 

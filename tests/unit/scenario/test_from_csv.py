@@ -33,6 +33,8 @@ def test_table_equals_poses_in_the_file(tmp_path):
     table = read(tmp_path, f"\ufeff{HEAD}\r\n0,0,0,1\r\n\r\n4,1,0,1.5\r\n")
     poses = "{kind: waypoints, poses: [{time_s: 0, position_m: [0, 0, 1]}, {time_s: 4, position_m: [1, 0, 1.5]}]}"
     assert table == read(tmp_path, "", poses)
+    assert table == read(tmp_path, f"{HEAD}\n0,0,0,1,\n4,1,0,1.5\n")  # separators at ends of lines
+    assert table == read(tmp_path, f'{HEAD},\n0,0,0,1,\n4, "1",0,1.5, \n')
     turned = read(tmp_path, "yaw_deg, z_m, time_s, x_m, y_m, roll_deg, pitch_deg\n90,1,0,2,3,10,20\n0,0,9,0,0,0,0\n")
     assert turned.reference.poses[0].model_dump() == {"time_s": 0.0, "position_m": (2, 3, 1), "rpy_deg": (10, 20, 90)}
 
@@ -45,6 +47,8 @@ def test_table_equals_poses_in_the_file(tmp_path):
         (f"{HEAD},x_m\n", "file: 'way.csv': line 1: column x_m occurs twice"),
         (f"{HEAD},w_m\n", "file: 'way.csv': line 1: 'w_m' is not a column (time_s, "),
         (f"{HEAD}\n0,0,0,1\n5,a,0,1\n", "file: 'way.csv': line 3: x_m: must be a number, got 'a'"),
+        (f"{HEAD}\n0,0,0,1\n5,1,0,\n", "file: 'way.csv': line 3: z_m: must be a number, got ''"),
+        (f"{HEAD}\n0,0,0,1\n5,1,0,1,,\n", "file: 'way.csv': line 3: must have 4 values, got 6"),
         (f"{HEAD}\n0,0,0,1\n5,1,0\n", "file: 'way.csv': line 3: must have 4 values, got 3"),
         (f"{HEAD}\n0,0,0,1\n5,1e9,0,1\n", "file: 'way.csv': line 3: position_m[0] [m]: must be from -10000 to 10000"),
         (f"{HEAD}\n0,0,0,1\n5,nan,0,1\n", "file: 'way.csv': line 3: position_m[0] [m]: must be finite, got nan"),

@@ -98,6 +98,51 @@ def test_separators(tmp_path, separator, named):
         check(read(tmp_path, text.replace("\n", f"{separator}\n"), f"separator: {named}"))
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_an_empty_last_cell_is_a_cell(tmp_path, separator):
+    lines = table([T, P, T], separator, f"{HEAD},note\n".replace(",", separator)).splitlines()
+    for rows in (slice(1, None), slice(30, 31)):
+        blank = [line.rpartition(separator)[0] + separator if k > 0 else line for k, line in enumerate(lines)]
+        text = "\n".join([*lines[: rows.start], *blank[rows], *lines[rows.stop or len(lines) :]])
+        check(read(tmp_path, text, "extra_columns: ignore"), turned=Rotation.identity(60))
+        ended = text.replace("\n", f"{separator}\n") + separator  # a separator behind each line
+        check(read(tmp_path, ended, "extra_columns: ignore"), turned=Rotation.identity(60))
+
+
+def test_a_missing_last_cell_is_refused(tmp_path):
+    text = f"{HEAD},note\n0,0,0,1,\n1,0,0,1\n"
+    assert refused(tmp_path, text, "extra_columns: ignore") == ["file: 'log.csv': line 3: must have 5 values, got 4"]
+    assert "x_m: must be a number, got ''" in refused(tmp_path, f"time_s,y_m,z_m,x_m\n{GOOD}2,0,1,\n")[0]
+
+
+@pytest.mark.parametrize("note", ['"a,b"', '"a; b"', '"say ""hi, there"""', '"# 1"', "a #1", '5"', '""', " "])
+def test_quoted_cells_may_contain_separators(tmp_path, note):
+    lines = table([T, P]).splitlines()
+    middle = [f"{t},{note},{rest}" for t, _, rest in (line.partition(",") for line in lines)]
+    text = "\n".join(['"time_s","a note, quoted","x_m","y_m","z_m"', *middle])
+    check(read(tmp_path, text, "extra_columns: ignore"), turned=Rotation.identity(60))
+    last = "\n".join([f"{HEAD},note", *(f"{line}, {note}" for line in lines)])
+    check(read(tmp_path, last, "extra_columns: ignore"), turned=Rotation.identity(60))
+
+
+@pytest.mark.parametrize("separator", [",", ";", " "])
+@pytest.mark.parametrize("note", [" # point 1, x; y", "# 1", "  #", " # 2.0", " # a, # b"])
+def test_comments_behind_poses_are_dropped(tmp_path, separator, note):
+    head = HEAD.replace(",", separator)
+    rows = table([T, P], separator).replace("\n", f"{note}\n")
+    still = Rotation.identity(60)
+    check(read(tmp_path, f"{head} # of 3\n# section 2\n{rows}"), turned=still)
+    check(read(tmp_path, f"# {head}\n{rows}"), turned=still)
+    check(read(tmp_path, rows, f"columns: [{HEAD}]"), turned=still)
+    check(read(tmp_path, rows.replace("#", "//"), f"columns: [{HEAD}], comment: //"), turned=still)
+
+
+def test_a_mark_in_a_name_is_no_comment(tmp_path):
+    text = table([T, P, T], head=f"{HEAD},#sats\n")
+    check(read(tmp_path, text, "extra_columns: ignore"), turned=Rotation.identity(60))
+    check(read(tmp_path, text.replace("#sats", "# of sats"), "extra_columns: ignore"), turned=Rotation.identity(60))
+
+
 def test_angles_in_degrees_or_radians_or_yaw_alone(tmp_path):
     yaw, pitch, roll = TURNED.as_euler("ZYX").T
     check(read(tmp_path, table([T, P, roll, pitch, yaw], head=f"{HEAD},roll_rad,pitch_rad,yaw_rad\n")))

@@ -54,6 +54,44 @@ def test_thousands_of_rows_give_path_and_acceleration(digits):
     assert fit.deviation == pytest.approx(np.sqrt((np.linalg.norm(d.p - p, axis=1) ** 2).mean()), rel=0.05, abs=1e-6)
 
 
+def trapezoid(rate: float, shift: float = 0.0, a: float = 2.0, v: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+    """Return times and positions of 4 m from rest to rest with a trapezoidal velocity, oblique."""
+    t, rise, end = np.arange(0, 6, 1 / rate), v / a, 4 / v + v / a
+    s = np.clip(t - shift, 0, end)
+    x = np.where(s < rise, a * s**2 / 2, np.where(s < end - rise, v * (s - rise / 2), 4 - a * (end - s) ** 2 / 2))
+    return t, x[:, None] * [0.6, 0.0, 0.8]
+
+
+@pytest.mark.parametrize("rate", [10, 20, 100])
+@pytest.mark.parametrize(("shift", "digits"), [(0.0, 12), (1.0, 12), (1.0, 5)])
+def test_steps_of_the_acceleration_are_not_exceeded(rate, shift, digits):
+    t, p = trapezoid(rate, shift)
+    p = p.round(digits)
+    largest = np.linalg.norm(np.diff(p, 2, axis=0), axis=1).max() * rate**2  # 2 m/s^2 and the effect of rounding
+    path, _ = path_of(t, p, flat(len(t)))
+    assert np.linalg.norm(along(path, jnp.asarray(t)).p - p, axis=1).max() <= 1e-3
+    between = np.linspace(t[0], t[-1], 5000)
+    assert np.linalg.norm(along(path, jnp.asarray(between)).a, axis=1).max() <= 1.05 * largest
+    np.testing.assert_allclose(along(path, jnp.zeros(1)).v, 0, atol=0.01)
+
+
+@pytest.mark.parametrize(("a", "v"), [(3.0, 1.2), (4.0, 2.0), (5.0, 2.0)])
+def test_steps_within_few_rows_are_not_exceeded(a, v):
+    t, p = trapezoid(10, 0.0, a, v)
+    path, _ = path_of(t, p, flat(len(t)))
+    assert np.linalg.norm(along(path, jnp.asarray(t)).p - p, axis=1).max() <= 1e-3
+    assert np.linalg.norm(along(path, jnp.asarray(np.linspace(0, t[-1], 5000))).a, axis=1).max() <= 1.05 * a
+
+
+def test_a_limited_path_keeps_a_stated_deviation():
+    t, p = trapezoid(100)
+    for deviation in (1e-4, 1e-5):
+        path, fit = path_of(t, p, flat(len(t)), deviation=deviation)
+        assert fit.deviation <= deviation
+        between = np.linspace(t[0], t[-1], 5000)
+        assert np.linalg.norm(along(path, jnp.asarray(between)).a, axis=1).max() <= 1.05 * 2
+
+
 def test_noise_is_smoothed_to_less_than_its_size():
     rng, t = np.random.default_rng(0), 0.01 * np.arange(2000)
     turned = attitude(t) * Rotation.from_rotvec(1e-3 * rng.normal(size=(len(t), 3)))
