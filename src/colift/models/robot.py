@@ -37,7 +37,7 @@ class JointLimits:
 
     @property
     def leave_no_range(self) -> bool:
-        """Whether the smallest position is the largest one."""
+        """Return whether the smallest position is the largest one."""
         return self.position is not None and self.position[0] == self.position[1]
 
 
