@@ -173,7 +173,7 @@ def _is_balanced(tree: LinkTree, joint: LinkJoint) -> bool:
     lever = np.linalg.norm(np.cross(body.com, joint.axis))
     radius = np.sqrt(np.abs(body.inertia).max() / max(body.mass, 1e-12))
     light = np.abs(body.inertia).max() < MAX_ROTOR_INERTIA_RATIO * np.abs(base.inertia).max()
-    return light and bool(lever <= 0.1 * radius)
+    return bool(light and lever <= 0.1 * radius)
 
 
 # Grippers -------------------------------------------------------------------------------------------------------------
