@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array
 
 from colift.scenario import schema
-from colift.trajectories import minimum_snap, pose_spline, smoothing_spline
+from colift.trajectories import minimum_snap, pose_spline
 
 MAX_OVERSHOOT = 0.2  # of the side of the box of the poses
 MIN_OVERSHOOT = 0.01  # m
@@ -155,6 +155,8 @@ class _Path:
         """Propose a smoothing spline through the same poses."""
         if self.faults.turning or not (self.faults.overshoot or len(self.times) >= MIN_TABLE_POSES):
             return
+        from colift.trajectories import smoothing_spline  # here, because SciPy's splines take long to import
+
         fit = smoothing_spline.fit_samples(self.times, self.p, np.broadcast_to(np.eye(3), (len(self.p), 3, 3)))
         at = jnp.linspace(self.times[0], self.times[-1], TABLE_SAMPLES)
         path, peak = np.asarray(_positions(smoothing_spline.pose_spline(fit.knots), at)), fit.choices[-1][1]
