@@ -10,11 +10,17 @@ import importlib, pkgutil
 from jax._src import xla_bridge
 import colift
 
-for module in pkgutil.walk_packages(colift.__path__, "colift."):
+def fail(name):
+    raise
+
+
+for module in pkgutil.walk_packages(colift.__path__, "colift.", fail):
     try:
         importlib.import_module(module.name)
-    except ImportError:  # an optional dependency
-        continue
+    except ModuleNotFoundError as error:
+        if error.name.partition(".")[0] == "colift":
+            raise
+        continue  # an optional dependency
     assert not xla_bridge.backends_are_initialized(), module.name
 """
 

@@ -117,8 +117,8 @@ def describe_exceeded(found: Sequence[LabelQuality]) -> str:
 def comparison_warnings(settings: Scenario, cases: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
     """Yield a warning for each case that learns and has a larger error than the case without learning.
 
-    Errors are compared as the table of the study prints them. All cases have the same noise, so no other tolerance is
-    used.
+    Errors are compared as the table of the study prints them, and their ratio with two digits. All cases have the same
+    noise, so no other tolerance is used.
 
     Args:
         settings: Scenario.
@@ -148,6 +148,8 @@ def _increases(without: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str
         first, second = (metric.format(each[metric.key]) for each in (without, found))
         if "none" not in (first, second) and float(second) > float(first):
             ratio = conclusions.format_ratio(found[metric.key], without[metric.key])
+            if ratio == "1.00":
+                continue
             unit = f"x {metric.unit}" if metric.key == "Psi_mean" else metric.unit
             stated = f"{METRICS[metric.key]} is {second} {unit} instead of {first} {unit} in {WITHOUT_LEARNING}"
             worse[metric.key] = stated if ratio == "none" else f"{stated} (ratio {ratio})"

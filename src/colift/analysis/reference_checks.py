@@ -20,7 +20,7 @@ from colift.analysis import waypoint_remedies
 from colift.analysis.waypoint_remedies import MAX_OVERSHOOT, MIN_OVERSHOOT, rounded_up
 from colift.math import so3
 from colift.models.parameters import Team
-from colift.scenario import Scenario, schema, trajectories
+from colift.scenario import Scenario, ScenarioError, schema, trajectories
 from colift.trajectories import base
 
 SAMPLES = 4000  # times on the reference
@@ -100,7 +100,7 @@ def check_reference(settings: Scenario, team: Team) -> ReferenceFinding | None:
 
 
 def _problems(settings: Scenario, team: Team, motion: _Motion) -> Iterator[Problem]:
-    """Yield the problems, each with a remedy; all faults of the path of waypoints have one remedy."""
+    """Yield the problems, each with a remedy; overshoot and acceleration of waypoints have one remedy."""
     given = settings.reference
     over, excess = _overshoot(settings, team, motion), _acceleration(settings, team, motion)
     if isinstance(given, schema.Sampled):
@@ -135,7 +135,10 @@ def _united(faults: list[_Fault]) -> dict[str, Any]:
 def _is_flyable(settings: Scenario, team: Team, given: schema.Waypoints) -> bool:
     """Return whether a path through other waypoints stays near them and within the thrust."""
     end = max(settings.duration_s, given.poses[-1].time_s)
-    changed = settings.model_copy(update={"reference": given, "duration_s": end})
+    try:
+        changed = settings.model_copy(update={"reference": given, "duration_s": end})
+    except ScenarioError:  # for example a log that is too large
+        return False
     motion = _sample(changed)
     return _overshoot(changed, team, motion) is None and _acceleration(changed, team, motion) is None
 
@@ -319,5 +322,5 @@ def _shorter_way(given: schema.Waypoints | schema.Sampled) -> Iterator[Problem]:
             axis = int(np.argmax(np.where(np.ptp(angles, axis=0) >= 360, np.abs(change), 0)))
             name = ("roll", "pitch", "yaw")[axis]
             sentence = f"changes {name} by {abs(change[axis]):g} deg in leg {k + 1}, which turns by the shorter way"
-            yield sentence, f"add {pieces - 1} poses to leg {k + 1}, so that each turns by 170 deg or less", {}
+            yield sentence, f"add {pieces - 1} pose{'s' * (pieces > 2)} to leg {k + 1}, so that each turns by 170 deg or less", {}
             return

@@ -35,7 +35,7 @@ _CASE_TYPES: Mapping[str, str] = {
     "complete": TRUTH,
     **dict.fromkeys(("termination_reason", "warnings.[]"), TEXT),
     **dict.fromkeys((*_SIZES_OF_CASE, "wall_time_s.*"), SIZE),
-    **dict.fromkeys(("thrust_min_N", "thrust_max_N", "correlation.*.*", "residual.*.*.[]"), NUMBER),
+    **dict.fromkeys(("thrust_min_N", "thrust_max_N", "residual.*.*.[]"), NUMBER),
     "update_times_s.[]": TIME,
     **dict.fromkeys(("miscoverage.payload.rate.[]", "miscoverage.agents.rate.[].[]"), RATE),
     **dict.fromkeys(

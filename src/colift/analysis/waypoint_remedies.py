@@ -135,8 +135,11 @@ class _Path:
         if self.faults.excess and excess(self.p, _snap_path(equal, self.p, 0)) <= MAX_OVERSHOOT:
             leasts = np.append(leasts, self.T.max() * np.geomspace(1, MAX_FACTOR, TRIED_INTERVALS)[1:])
         for least in dict.fromkeys(map(rounded_up, leasts)):
+            shorter = np.flatnonzero(float(least) > self.T)
+            if len(shorter) == 0:
+                continue
             longer = np.concatenate([[0.0], np.cumsum(np.maximum(self.T, float(least)))])
-            sentence = f"give {_legs(np.flatnonzero(float(least) > self.T))} at least {least} s"
+            sentence = f"give {_legs(shorter)} at least {least} s"
             yield from self._timed(sentence, self.times[0] + longer)
 
     def longer_leg(self) -> Iterator[Change]:
@@ -242,16 +245,14 @@ def _between(a: schema.Pose, b: schema.Pose, share: float, *, shorter: bool) -> 
     """Return a pose between two others, turned by the shorter way or by the stated angles."""
     turn = np.array(b.rpy_deg) - a.rpy_deg
     turn = (turn + 180) % 360 - 180 if shorter else turn
-    rounded = [
-        tuple(float(f"{x:.4g}") for x in values)
-        for values in (
-            (a.time_s + share * (b.time_s - a.time_s),),
-            a.position_m + share * np.subtract(b.position_m, a.position_m),
-            a.rpy_deg + share * turn,
-        )
-    ]
+    position = a.position_m + share * np.subtract(b.position_m, a.position_m)
+    rpy = a.rpy_deg + share * turn
     return schema.Pose.model_validate(
-        {"time_s": rounded[0][0], "position_m": list(rounded[1]), "rpy_deg": list(rounded[2])}
+        {
+            "time_s": float(f"{a.time_s + share * (b.time_s - a.time_s):.9g}"),
+            "position_m": [float(f"{x:.4g}") for x in position],
+            "rpy_deg": [float(f"{x:.4g}") for x in rpy],
+        }
     )
 
 

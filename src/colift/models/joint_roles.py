@@ -45,6 +45,7 @@ MIN_ALIKE_ROTORS = 3  # rotors without a name that are alike; fewer could be joi
 HOOK_RATIO, DEFAULT_RADIUS = 0.65, 0.15  # depth of a hook over the radius of gyration of the base; m
 MASS_TOLERANCE = 0.01  # relative difference of alike rotors
 PARALLEL = 0.9  # cosine of the angle between the axes of fingers
+MAX_FINGER_MASS_RATIO = 0.05  # mass of a finger without a name, over the mass of the file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,7 +195,8 @@ def _grippers(tree: LinkTree, taken: set[str]) -> Iterator[tuple[str, ...]]:
             moving = [joint for joint in joints if joint.kind != FIXED and joint.name not in taken]
             if all(FINGER_NAME.search(joint.name) or FINGER_NAME.search(joint.child) for joint in moving):
                 fingers += [joint.name for joint in moving]
-        fingers += [name for pair in _pairs(tree, found, body) for name in pair if name not in fingers]
+        paired = dict.fromkeys(name for pair in _pairs(tree, found, body) for name in pair)
+        fingers += [name for name in paired if name not in fingers]
         if fingers:
             yield tuple(fingers)
 
@@ -209,21 +211,29 @@ def _pairs(tree: LinkTree, found: Skeleton, body: int) -> Iterator[tuple[str, st
 
 
 def _oppose(tree: LinkTree, a: Joint, b: Joint) -> bool:
-    """Return whether one of two leaves follows the other, or both are of one kind and move in opposite directions.
+    """Return whether one of two leaves follows the other, or both are fingers that move in opposite directions.
 
-    Parallel axes have opposite directions if their limits are on both sides of zero. Leaves that rotate on the base are
-    arms.
+    Fingers without names are light and alike, and carry neither a sensor nor a hand. Parallel axes have opposite
+    directions if each range is mostly on another side of zero. Leaves that rotate on the base are arms.
     """
     couplings = tree.joints[a.name].coupling, tree.joints[b.name].coupling
     if {a.name, b.name} & {coupling.joint for coupling in couplings if coupling is not None}:
         return True
-    if a.prismatic != b.prismatic or (a.parent == 0 and not a.prismatic):
+    children = [tree.joints[each.name].child for each in (a, b)]
+    masses = [_mass(tree, _subtree(tree, child)[0]) for child in children]
+    others = any(kind.search(child) for kind in (SENSOR_NAME, HAND_NAME) for child in children)
+    light = max(masses) < MAX_FINGER_MASS_RATIO * _mass(tree, list(tree.links)) and min(masses) > 0.5 * max(masses)
+    if others or not light or a.prismatic != b.prismatic or (a.parent == 0 and not a.prismatic):
         return False
     cosine = (a.rotation @ a.axis) @ (b.rotation @ b.axis)
-    if cosine < -PARALLEL:
-        return True
-    sides = {np.sign(sum(limits)) for limits in (a.limits.position, b.limits.position) if limits is not None}
-    return bool(cosine > PARALLEL and sides == {-1, 1})
+    sides = {_side(a), _side(b)}
+    return bool(cosine < -PARALLEL or (cosine > PARALLEL and sides == {-1, 1}))
+
+
+def _side(joint: Joint) -> int:
+    """Return the sign of the side on which three quarters or more of the range of a joint lie; 0 if there is none."""
+    lower, upper = joint.limits.position or (-1.0, 1.0)
+    return int(np.sign(lower + upper)) if abs(lower + upper) >= 0.5 * (upper - lower) else 0
 
 
 # Tips -----------------------------------------------------------------------------------------------------------------

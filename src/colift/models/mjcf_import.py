@@ -55,14 +55,26 @@ def read_mjcf(path: str | Path) -> LinkTree:
             spec = mujoco.MjSpec.from_file(str(path))
             _without_display(spec, mujoco)
             _check_mesh_files(spec)
+            spec.compiler.fusestatic = False  # `reduce_tree` merges bodies that are fixed to others
             stated = [_Stated(body) for body in spec.bodies if body.explicitinertial]
-            spec.compiler.balanceinertia = True  # `reduce_tree` checks the inertias
-            model = spec.compile()
+            model, balanced = _compile(spec)
     except (ValueError, RuntimeError) as error:
         raise ValueError(f"{path}: MuJoCo: {' '.join(str(error).split())}") from None
-    tree = _Reader(str(path), model, mujoco, {each.body.id: each for each in stated}).tree()
+    changed = {each.body.id: each for each in stated if balanced and each.violates()}
+    tree = _Reader(str(path), model, mujoco, changed).tree()
     _check_numbers(tree)
     return tree
+
+
+def _compile(spec: Any) -> tuple[Any, bool]:
+    """Compile a model, and return whether inertias were balanced, as a stated inertia may require."""
+    try:
+        return spec.compile(), False
+    except ValueError as error:
+        if "balanceinertia" not in str(error):
+            raise
+    spec.compiler.balanceinertia = True  # `reduce_tree` checks the stated inertias
+    return spec.compile(), True
 
 
 @contextlib.contextmanager
@@ -159,18 +171,30 @@ def _without_display(spec: Any, mujoco: Any) -> None:
 
 
 class _Stated:
-    """Inertia of a body as the file states it, before MuJoCo compiles it."""
+    """Mass and inertia of a body as the file states them, before MuJoCo compiles them."""
 
     def __init__(self, body: Any):
-        self.body = body
-        self.moments, self.mass, self.full = np.array(body.inertia), float(body.mass), np.array(body.fullinertia)
+        self.body, self.mass = body, float(body.mass)
+        moments, full = np.array(body.inertia), np.array(body.fullinertia)
+        self.full = np.array([full[[0, 3, 4]], full[[3, 1, 5]], full[[4, 5, 2]]]) if np.isfinite(full).all() else None
+        self.moments = moments if self.full is None else np.linalg.eigvalsh(self.full)
 
-    def inertia(self, R: np.ndarray) -> np.ndarray:
-        """Return the inertia [kg m^2, frame of the body] with the compiled rotation of the inertial frame."""
-        if not np.isfinite(self.full).all():
+    def violates(self) -> bool:
+        """Return whether the moments violate the triangle inequality, so that MuJoCo replaces them by their mean."""
+        a, b, c = np.sort(self.moments)
+        return bool(a > 0 and c > a + b)
+
+    def inertia(self, R: np.ndarray) -> np.ndarray | None:
+        """Return the inertia [kg m^2, frame of the body]; None if MuJoCo has changed this frame.
+
+        Args:
+            R: Rotation of the compiled inertial frame.
+        """
+        if self.full is None:
             return R @ np.diag(self.moments) @ R.T
-        xx, yy, zz, xy, xz, yz = self.full
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        principal = R.T @ self.full @ R
+        rest = principal - np.diag(np.diag(principal))
+        return self.full if np.abs(rest).max() < 1e-9 * np.abs(principal).max() else None
 
 
 class _Reader:
@@ -270,10 +294,14 @@ class _Reader:
         R = _matrix(model.body_iquat[body])
         moments, mass = model.body_inertia[body], float(model.body_mass[body])
         J = R @ np.diag(moments) @ R.T
-        if (
-            body in self.stated and np.ptp(moments) == 0 and mass == self.stated[body].mass
-        ):  # MuJoCo may have changed it
-            J = self.stated[body].inertia(R)
+        if body in self.stated:
+            stated = self.stated[body].inertia(R) if mass == self.stated[body].mass else None
+            if stated is None:
+                raise ValueError(
+                    f"{self.file}: body {self._name(body)!r}: the principal moments violate the triangle inequality, "
+                    "and options of the compiler change the body: state moments that satisfy it"
+                )
+            J = stated
         return Body(mass=mass, com=model.body_ipos[body] - self.shift[body], inertia=J) if mass > 0 else None
 
     def _link_joint(self, body: int, joint: int | None, couplings: dict[int, Coupling]) -> LinkJoint:

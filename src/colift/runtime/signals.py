@@ -19,7 +19,7 @@ from collections.abc import Callable, Generator
 GRACE_PERIOD = 5.0
 """Time [s] from the first signal to forced termination, for computations that check the flag rarely."""
 ACTION_PERIOD = 2.0
-"""Time [s] that the functions of `on_exit` have before the process is terminated; a file system may not respond."""
+"""Time [s] for which each function of `on_exit` delays the termination; a file system may not respond."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
 """Signals that request termination; a terminal that is closed sends SIGHUP."""
 
@@ -51,7 +51,8 @@ def on_exit(action: Callable[[], None]) -> Generator[None]:
     """Call a function when the block ends, also if the process is terminated by force within the block.
 
     Args:
-        action: Function without arguments. It may be called twice, also by another thread.
+        action: Function without arguments. It may be called twice, also by another thread. If the process is terminated
+            by force, it has `ACTION_PERIOD`.
 
     Yields:
         Nothing.
@@ -128,19 +129,22 @@ def _next_signal(receiver: socket.socket) -> int | None:
     return None
 
 
-def _run_exit_actions() -> None:
-    """Call the functions of all blocks of `on_exit`, the innermost first."""
-    for action in reversed(_exit_actions):
-        with contextlib.suppress(Exception):
-            action()
+def _run_action(action: Callable[[], object]) -> None:
+    """Call a function of `on_exit`; its errors must not prevent the termination."""
+    with contextlib.suppress(Exception):
+        action()
 
 
 def _terminate(number: int) -> None:
     """Terminate the process at once; other threads, such as compilers, would keep it running for minutes."""
-    with contextlib.suppress(RuntimeError):  # no further thread can be started
-        actions = threading.Thread(target=_run_exit_actions, daemon=True)
-        actions.start()
-        actions.join(ACTION_PERIOD)
+    for action in reversed(_exit_actions):  # the innermost block first
+        thread = threading.Thread(target=_run_action, args=(action,), daemon=True)
+        try:
+            thread.start()
+        except RuntimeError:  # no further thread can be started
+            _run_action(action)
+        else:
+            thread.join(ACTION_PERIOD)
     if threading.current_thread() is threading.main_thread():
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(Exception):

@@ -242,7 +242,7 @@ def _split(line: str, separator: str | None) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
     except csv.Error as error:
-        raise _TableError(f"cannot be read: {error}") from None
+        raise _TableError(f"a line cannot be read: {error}: {line[:40]}...") from None
 
 
 def _trimmed(cells: list[str], width: int) -> list[str]:

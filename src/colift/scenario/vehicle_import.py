@@ -372,7 +372,7 @@ def _notes(vehicle: _Vehicle) -> Iterator[str]:
     chosen = set(vehicle.options.frozen or ())
     locked = [name for name in roles.idle if name not in chosen and tree.joints[name].limits.leave_no_range]
     if locked:
-        yield f"{_listed(locked)} fixed, their limits leave no range (frozen)"
+        yield f"{_listed(locked)} fixed, the limits leave no range (frozen)"
     if idle := [name for name in roles.idle if name not in {*chosen, *locked}]:
         yield f"{_listed(idle)} fixed, these joints carry no tip (frozen)"
     if roles.rests_on_base:

@@ -70,13 +70,15 @@ def test_a_figure_worse_with_learning_is_reported_with_its_cause() -> None:
 
 
 @pytest.mark.parametrize("metric", [metric for metric in STUDY_METRICS if metric.key in learning_benefit.METRICS])
-def test_each_printed_error_is_compared_without_tolerance(metric: Metric):
-    step = 0.1 if metric.spec == ".1f" else 0.01
-    cases = [case(1.0, 1.0) | {metric.key: (10.0 + k * step) / metric.scale} for k in (0, 1)]
+def test_each_printed_error_is_compared_as_printed(metric: Metric):
+    """A ratio of 1.01 is reported, and one that is printed as 1.00 is not."""
+    cases = [case(1.0, 1.0) | {metric.key: 10.0 * ratio / metric.scale} for ratio in (1.0, 1.01)]
     ((name, message),) = learning_benefit.comparison_warnings(SETTINGS, dict(zip(("C1", "C3"), cases, strict=True)))
     assert name == "C3"
     assert message.startswith(learning_benefit.METRICS[metric.key])
     assert "; likely cause: " in message
+    cases[1][metric.key] = 10.049 / metric.scale
+    assert not list(learning_benefit.comparison_warnings(SETTINGS, dict(zip(("C1", "C3"), cases, strict=True))))
     swapped = dict(zip(("C3", "C1"), cases, strict=True))
     assert list(learning_benefit.comparison_warnings(SETTINGS, swapped)) == []
 

@@ -1,5 +1,6 @@
 """Changes of waypoints: what they state, and that they are evaluated before."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -33,6 +34,22 @@ def test_the_first_change_that_works_is_stated():
     assert len(seen) == 2
     assert [float(t) for t in stated] == [pose.time_s for pose in added]
     assert "rpy_deg: [0, 0, 45]" in sentence
+
+
+@pytest.mark.parametrize("overshoot", [True, False])
+def test_equal_intervals_are_evaluated(overshoot: bool):
+    equal = waypoints((0, 0, 0, 0), (5, 1, 0, 0), (10, 1, 0, 0), (15, 0, 0, 0), (20, 0, 0, 0))
+    faults = dataclasses.replace(FAULTS, overshoot=overshoot, excess=not overshoot, maximum=2.0)
+    assert "0 more" not in waypoint_remedies.remedy(equal, faults, lambda changed: False)
+    assert "leg" in waypoint_remedies.remedy(equal, faults, lambda changed: True) or overshoot
+
+
+def test_added_poses_of_late_legs_have_ascending_times():
+    late = waypoints((0, 0, 0, 0), (20001, 1, 0, 0), (20003, 1, 0, 0), (20004, 0, 0, 0))
+    seen: list[schema.Waypoints] = []
+    waypoint_remedies.remedy(late, FAULTS, lambda changed: bool(seen.append(changed)))
+    assert seen
+    assert all((np.diff([pose.time_s for pose in each.poses]) > 0).all() for each in seen)
 
 
 def test_no_change_that_works_is_a_table_of_the_path():

@@ -152,8 +152,20 @@ def test_fingers_without_names_close_against_each_other(
 
     found = roles(*ARM, *map(finger, ("left", "right"), axes, limits))
     assert found.grippers == (("left", "right"),)
-    apart = roles(*ARM, *map(finger, ("left", "right"), ("0 1 0", "0 1 0"), ("-1 1", "-1 1")))
-    assert apart.grippers == ()
+    for pair, others in (
+        (("left", "right"), (("0 1 0", "0 1 0"), ("-1 1.01", "-1.01 1"))),  # of one direction
+        (("tool", "camera"), (("0 1 0", "0 -1 0"), ("-1 1", "-1 1"))),
+    ):
+        assert roles(*ARM, *map(finger, pair, *others)).grippers == ()
+    heavy = [link(n) + joint(n, "fore", n, axis=axis) for n, axis in (("l", "0 1 0"), ("r", "0 -1 0"))]
+    assert roles(*ARM, *heavy).grippers == ()
+
+
+def test_each_of_three_fingers_is_listed_once() -> None:
+    fingers = [
+        link(n, 0.01) + joint(n, "fore", n, axis=axis) for n, axis in (("a", "0 1 0"), ("b", "0 -1 0"), ("c", "0 1 0"))
+    ]
+    assert roles(*ARM, *fingers).grippers == (("a", "b", "c"),)
 
 
 def test_joints_without_a_range_are_fixed() -> None:

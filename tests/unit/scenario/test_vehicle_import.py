@@ -229,6 +229,23 @@ def test_an_mjcf_inertia_is_balanced_as_asked(stated: str, tmp_path: Path) -> No
     np.testing.assert_allclose(np.diag(base.inertia_kgm2), [0.08 / 3, 0.08 / 3, 0.16 / 3], rtol=1e-5)
 
 
+@pytest.mark.parametrize("option", ['settotalmass="3"', 'boundmass="3"'])
+def test_an_mjcf_inertia_that_the_compiler_scales_is_refused(option: str, tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    flat = MJCF.replace('diaginertia="0.02 0.02 0.035"', 'diaginertia="0.02 0.02 0.06"')
+    _, done = init_mjcf(tmp_path, flat.replace("<compiler ", f"<compiler {option} "))
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
+    assert "body 'uav': the principal moments violate the triangle inequality" in done.stderr
+
+
+def test_valid_mjcf_inertias_are_those_of_mujoco(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    made, done = init_mjcf(tmp_path, MJCF.replace("<compiler ", '<compiler boundinertia="0.05" '))
+    assert done.exit_code == 0, done.output
+    base = scenario.load_scenario(made).agent_types["vehicle"].base
+    np.testing.assert_allclose(base.inertia_kgm2, 0.05 * np.eye(3), atol=1e-9)
+
+
 def test_unread_properties_of_mjcf_joints_are_named(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     _, done = init_mjcf(tmp_path, MJCF.replace('axis="0 1 0"', 'axis="0 1 0" armature="0.05" stiffness="2"'))
