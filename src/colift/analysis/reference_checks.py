@@ -322,5 +322,9 @@ def _shorter_way(given: schema.Waypoints | schema.Sampled) -> Iterator[Problem]:
             axis = int(np.argmax(np.where(np.ptp(angles, axis=0) >= 360, np.abs(change), 0)))
             name = ("roll", "pitch", "yaw")[axis]
             sentence = f"changes {name} by {abs(change[axis]):g} deg in leg {k + 1}, which turns by the shorter way"
-            yield sentence, f"add {pieces - 1} pose{'s' * (pieces > 2)} to leg {k + 1}, so that each turns by 170 deg or less", {}
+            yield (
+                sentence,
+                f"add {pieces - 1} pose{'s' * (pieces > 2)} to leg {k + 1}, so that each turns by 170 deg or less",
+                {},
+            )
             return
