@@ -99,6 +99,8 @@ class Modes:
         return f"{value.real:+.2f} {abs(value.imag):+.2f}i rad/s, largest in {largest}"
 
 
+CommandLoop = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Matrices `(A, B, K)` of a loop `x+ = A x + B u` with the commands `u = K x`."""
 LoopStateTree = dict[str, Array]
 """Loop states that influence the plant in later ticks, by their path in `simulator.LoopState`."""
 
@@ -149,15 +151,29 @@ def delay_margin(x: LoopStateTree, M: np.ndarray, max_ticks: int) -> int:
         Largest additional delay of all commands for which the loop is stable, at most `max_ticks`; -1 if the loop is
         unstable without delay.
     """
-    B, K = _input_matrices(x, M)
     with threadpool_limits(1):  # the matrices are small
-        if np.abs(np.linalg.eigvals(M)).max() >= 1:
-            return -1
-        # The other states do not influence commands, so their eigenvalues are the same with every delay.
-        A = M - B @ K
-        rows = _observable(A, K)
-        limit = characteristic_loci.delay_margin(A[np.ix_(rows, rows)], B[rows], K[:, rows])
+        return _delay_margin(_command_loop(x, M), max_ticks)
+
+
+def _delay_margin(loop: CommandLoop | None, max_ticks: int) -> int:
+    """Compute `delay_margin` from the loop; None stands for an unstable one."""
+    if loop is None:
+        return -1
+    limit = characteristic_loci.delay_margin(*loop)
     return max_ticks if limit > max_ticks else max(math.ceil(limit) - 1, 0)
+
+
+def _command_loop(x: LoopStateTree, M: np.ndarray) -> CommandLoop | None:
+    """Return the loop of the states that influence the commands; None if the whole loop is unstable.
+
+    The eigenvalues of the other states are the same with every gain and delay of the commands.
+    """
+    B, K = _input_matrices(x, M)
+    if np.abs(np.linalg.eigvals(M)).max() >= 1:
+        return None
+    A = M - B @ K
+    rows = _observable(A, K)
+    return A[np.ix_(rows, rows)], B[rows], K[:, rows]
 
 
 def _observable(A: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -184,14 +200,16 @@ def gain_margin(x: LoopStateTree, M: np.ndarray) -> tuple[float, float]:
     Returns:
         Smallest and largest gain; NaN if the loop is unstable with gain 1.
     """
-    B, K = _input_matrices(x, M)
     with threadpool_limits(1):  # the matrices are small
-        if np.abs(np.linalg.eigvals(M)).max() >= 1:
-            return np.nan, np.nan
-        A = M - B @ K
-        rows = _observable(A, K)
-        A, BK = A[np.ix_(rows, rows)], B[rows] @ K[:, rows]
-        return _gain_limit(A, BK, MAX_GAIN**-0.25), _gain_limit(A, BK, MAX_GAIN**0.25)
+        return _gain_margin(_command_loop(x, M))
+
+
+def _gain_margin(loop: CommandLoop | None) -> tuple[float, float]:
+    """Compute `gain_margin` from the loop; None stands for an unstable one."""
+    if loop is None:
+        return np.nan, np.nan
+    A, B, K = loop
+    return _gain_limit(A, B @ K, MAX_GAIN**-0.25), _gain_limit(A, B @ K, MAX_GAIN**0.25)
 
 
 def _gain_limit(A: np.ndarray, BK: np.ndarray, step: float) -> float:
@@ -250,9 +268,13 @@ def stability_margins(x: LoopStateTree, M: np.ndarray, dt: float) -> Margins:
         Both margins.
     """
     max_ticks = round(MAX_DELAY / dt)
-    return Margins(
-        delay_margin=delay_margin(x, M, max_ticks) * dt, gain_margin=gain_margin(x, M), max_delay_tested=max_ticks * dt
-    )
+    with threadpool_limits(1):  # the matrices are small
+        loop = _command_loop(x, M)
+        return Margins(
+            delay_margin=_delay_margin(loop, max_ticks) * dt,
+            gain_margin=_gain_margin(loop),
+            max_delay_tested=max_ticks * dt,
+        )
 
 
 def with_input_delay(x: LoopStateTree, M: np.ndarray, ticks: int) -> np.ndarray:

@@ -237,17 +237,21 @@ def _without_floating_root(
     if len(floating) != 1:
         return links, joints
     (joint,) = floating
-    world, dropped = {_link_of(joint, "parent", links)}, [joint]
-    others = [(other, *(_link_of(other, end, links) for end in ("parent", "child"))) for other in joints.values()]
-    while more := [o for o, *ends in others if o not in dropped and world & set(ends)]:
-        dropped += more
-        world |= {end for o, *ends in others if o in more for end in ends}
-    fixed = all(other.attributes.get("type") == link_tree.FIXED for other in dropped[1:])
+    ends = {
+        name: {_link_of(other, end, links) for end in ("parent", "child")}
+        for name, other in joints.items()
+        if other is not joint
+    }
+    world, inner = {_link_of(joint, "parent", links)}, set[str]()
+    while more := {name for name, pair in ends.items() if name not in inner and world & pair}:
+        inner |= more
+        world = world.union(*(ends[name] for name in more))
+    fixed = all(joints[name].attributes.get("type") == link_tree.FIXED for name in inner)
     if not fixed or any(_inertial(links[name]) is not None for name in world):
         return links, joints
     return (
         {name: link for name, link in links.items() if name not in world},
-        {name: other for name, other in joints.items() if other not in dropped},
+        {name: other for name, other in joints.items() if name in ends and name not in inner},
     )
 
 
@@ -376,25 +380,35 @@ def _coupling(joint: _Element) -> Coupling | None:
 def _limits(joint: _Element) -> JointLimits:
     """Return the limits of a joint; values that mean "unlimited" in practice are omitted.
 
-    A continuous joint has no position limits. A missing bound is 0 if the other one is stated, as the format defines.
     Limits from 0 to 0 are the placeholder of exporters for no limits.
     """
-    element, kind = joint.one("limit"), joint.attributes["type"]
+    element, stated = joint.one("limit"), _stated_range(joint)
     if element is None:
         return JointLimits()
-    lower, upper = (_numbers_or_zero(element, name, joint) for name in ("lower", "upper"))
-    position: tuple[float, float] | None = None
-    if kind != link_tree.CONTINUOUS and {"lower", "upper"} & set(element.attributes):
-        if lower > upper:
-            _fail(element, f"{joint}: the lower limit {lower:g} exceeds the upper limit {upper:g}")
-        position = (lower, upper) if 0 < max(abs(lower), abs(upper)) <= UNLIMITED else None
     least, most = SPEED_EFFORT_RANGE
     speed, effort = (abs(_numbers_or_zero(element, name, joint)) for name in ("velocity", "effort"))
     return JointLimits(
-        position=position,
+        position=stated if stated and 0 < max(map(abs, stated)) <= UNLIMITED else None,
         speed=speed if least <= speed < most else None,
         effort=effort if least <= effort < most else None,
     )
+
+
+def _stated_range(joint: _Element) -> tuple[float, float] | None:
+    """Return the smallest and the largest position that a joint states; None if it states none.
+
+    A fixed or continuous joint has no position limits. A missing bound is 0 if the other one is stated, as the format
+    defines.
+    """
+    element, kind = joint.one("limit"), joint.attributes["type"]
+    if element is None or kind == link_tree.FIXED:
+        return None
+    lower, upper = (_numbers_or_zero(element, name, joint) for name in ("lower", "upper"))
+    if kind == link_tree.CONTINUOUS or not {"lower", "upper"} & set(element.attributes):
+        return None
+    if lower > upper:
+        _fail(element, f"{joint}: the lower limit {lower:g} exceeds the upper limit {upper:g}")
+    return lower, upper
 
 
 def _numbers_or_zero(element: _Element, name: str, owner: _Element) -> float:
@@ -422,11 +436,7 @@ def _drives(robot: _Element) -> tuple[frozenset[str], frozenset[str]]:
 
 def _placeholders(joints: dict[str, _Element]) -> Iterator[str]:
     """Yield a sentence on the joints whose limits are the placeholder for no limits."""
-    names = []
-    for name, joint in joints.items():
-        limit = joint.one("limit") if joint.attributes["type"] in (link_tree.REVOLUTE, link_tree.PRISMATIC) else None
-        if limit is not None and {"lower", "upper"} & set(limit.attributes) and _limits(joint).position is None:
-            names += [name] * (max(abs(_numbers_or_zero(limit, each, joint)) for each in ("lower", "upper")) == 0)
+    names = [name for name, joint in joints.items() if _stated_range(joint) == (0.0, 0.0)]
     if names:
         yield f"limits from 0 to 0 are read as no limits: {', '.join(names)}"
 
