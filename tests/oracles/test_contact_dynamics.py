@@ -13,7 +13,7 @@ from colift.math import so3
 from colift.models import aerial_manipulator, grasp
 from colift.models.parameters import Team
 from colift.models.state import AgentInput, GeneralizedForce, ResidualForces, State, Wrench
-from colift.simulation import contact_dynamics
+from colift.simulation import contact_dynamics, faults
 from tests.support import payload_motions as motion
 from tests.support import random_teams as teams
 from tests.support.pinocchio_team import PinocchioTeam
@@ -62,6 +62,37 @@ def test_accelerations_and_forces_equal_pinocchio(structure: tuple, seed: int) -
     assert relative_error(v_dot, np.array(expected.v_dot)) < allowed
     for ours, theirs in zip(xi_dot, expected.xi_dot, strict=True):
         assert relative_error(ours, theirs) < allowed
+
+
+@pytest.mark.parametrize("structure", teams.POOL)
+def test_a_regrasp_is_a_perfectly_inelastic_impact(structure: tuple) -> None:
+    """The velocity after it is `v - M^-1 A^T (A M^-1 A^T)^-1 A v` with Pinocchio's M and A.
+
+    Momenta are conserved, and the lost energy is that of the velocity difference (Carnot's theorem).
+    """
+    team, z = random_team(11, structure)
+    shapes = [group.contact_position.shape[:2] for group in team.agent_groups]
+    given = faults.Faults(
+        release_time=tuple(jnp.zeros(shape) for shape in shapes),
+        regrasp_time=tuple(jnp.zeros(shape) for shape in shapes),
+    )
+    reference, rng = PinocchioTeam(team), np.random.default_rng(12)
+    q, v = reference.coordinates(z)
+    v = v + rng.normal(size=v.shape)  # every tip moves relative to its contact point
+    M, A = reference.mass_matrix(q), reference.jacobian(q)
+    S = A @ np.linalg.solve(M, A.T)
+    expected = v - np.linalg.solve(M, A.T @ np.linalg.solve(S, A @ v))
+
+    before = reference.state(z, v)
+    after, found = jax.jit(given.regrasp)(team, before, given.initial_regrasps(), jnp.zeros(()))
+    assert all(bool(np.asarray(closed).all()) for closed in found)
+    allowed = max(1e-9, 1e-15 * float(np.linalg.cond(S)))
+    _, v_after = reference.coordinates(after)
+    assert relative_error(v_after, expected) < allowed
+    np.testing.assert_allclose(reference.momentum(after), reference.momentum(before), atol=1e-8)
+    lost = reference.energy(before)[0] - reference.energy(after)[0]
+    difference = v - v_after
+    np.testing.assert_allclose(lost, difference @ M @ difference / 2, rtol=1e-6)
 
 
 @pytest.mark.parametrize("structure", teams.POOL)

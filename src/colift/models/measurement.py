@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Bool, Float, PyTree
 
 from colift.math.pytree import pytree
 from colift.models.state import ResidualForces, State
@@ -61,6 +61,7 @@ class Measurement:
         extra: Readings of user-defined sensors, by name; each is a PyTree of arrays.
         link_delay_s: Delay of the leader's message that arrives at each agent in this period [s]; negative if none
             arrives. None if every message arrives in the period in which it is sent.
+        regrasped: True for contacts whose gripper reports that it has closed again, by group. None if no contact can.
     """
 
     agents: tuple[AgentReading, ...]
@@ -69,3 +70,4 @@ class Measurement:
     measurement_age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)
     extra: dict[str, PyTree] = dataclasses.field(default_factory=dict)
     link_delay_s: Float[Array, "team"] | None = None
+    regrasped: tuple[Bool[Array, "_agents _arms"], ...] | None = None

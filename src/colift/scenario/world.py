@@ -78,14 +78,9 @@ def _faults(settings: schema.Scenario, truth: Team) -> faults.Faults | None:
     groups = team_module.group_agents(settings)
     losses = [fault for fault in settings.faults if isinstance(fault, schema.ThrustFault)]
     rotors = [fault for fault in settings.faults if isinstance(fault, schema.RotorFault)]
-    opened = {fault.who: fault.start_s for fault in settings.faults if isinstance(fault, schema.ContactFault)}
+    opened = [fault for fault in settings.faults if isinstance(fault, schema.ContactFault)]
     if not losses and not rotors and not opened:
         return None
-    arms = {name: [arm.name for arm in kind.arms] for name, kind in settings.agent_types.items()}
-    release_time = tuple(
-        array([[opened.get(f"{agent.name}/{arm}", np.inf) for arm in arms[agent.type]] for agent in group])
-        for group in groups
-    )
     return faults.Faults(
         thrust=tuple(
             faults.ThrustLoss(
@@ -97,7 +92,19 @@ def _faults(settings: schema.Scenario, truth: Team) -> faults.Faults | None:
         ),
         rotors=tuple(_rotor_fault(fault, settings) for fault in rotors),
         mixers=_mixers(settings, truth) if rotors else (),
-        release_time=release_time if opened else None,
+        release_time=_contact_times(settings, {fault.who: fault.start_s for fault in opened}),
+        regrasp_time=_contact_times(settings, {fault.who: fault.end_s for fault in opened if fault.end_s is not None}),
+    )
+
+
+def _contact_times(settings: schema.Scenario, times: dict[str, float]) -> tuple[Array, ...] | None:
+    """Return the times of events at contacts by group [s], with inf for contacts without one; None without events."""
+    if not times:
+        return None
+    arms = {name: [arm.name for arm in kind.arms] for name, kind in settings.agent_types.items()}
+    return tuple(
+        array([[times.get(f"{agent.name}/{arm}", np.inf) for arm in arms[agent.type]] for agent in group])
+        for group in team_module.group_agents(settings)
     )
 
 

@@ -1,4 +1,4 @@
-"""Faults of the simulated team: rotors of reduced or stuck force, contacts that open, and links with delays and losses.
+"""Faults of the simulated team: rotors of reduced or stuck force, open contacts, and links with delays and losses.
 
 See Also:
     colift.simulation.sensors: rates, delays, dropouts and failures of sensors.
@@ -15,13 +15,21 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from colift.math.pytree import pytree, static
+from colift.models import grasp
 from colift.models.measurement import Measurement
 from colift.models.parameters import OPEN_COMPLIANCE, Team
-from colift.models.state import AgentInput, ControlClock, TeamInputs
+from colift.models.state import AgentInput, ControlClock, State, TeamInputs
+from colift.simulation import contact_dynamics
 from colift.simulation.actuators import RotorMixer
 from colift.simulation.sensors import SensedState, SensorModel
 
 Scalar = Float[Array, ""]
+
+CAPTURE_DISTANCE = 0.01
+"""Distance between a tip and its contact point within which an open contact can close [m]."""
+
+Contacts = tuple[Bool[Array, "_agents _arms"], ...]
+"""A property of each contact, by group."""
 
 
 @pytree
@@ -87,7 +95,8 @@ class Faults:
     thrust: tuple[ThrustLoss, ...] = ()  # losses of rotor thrust; shares of simultaneous losses multiply
     rotors: tuple[RotorFault, ...] = ()  # faults of single rotors, after the losses of thrust
     mixers: tuple[RotorMixer, ...] = ()  # rotors of each group; empty without faults of single rotors
-    release_time: tuple[Float[Array, "agents arms"], ...] | None = None  # s, by group; inf: never. None: no release
+    release_time: tuple[Float[Array, "_agents _arms"], ...] | None = None  # s, by group; inf: never. None: no release
+    regrasp_time: tuple[Float[Array, "_agents _arms"], ...] | None = None  # s, by group; inf: never. None: no regrasp
 
     def rotor_forces(self, inputs: TeamInputs) -> RotorForces | None:
         """Return the rotor forces that generate the inputs [N]; None without faults of single rotors.
@@ -134,12 +143,61 @@ class Faults:
             for part, given in zip(acting, inputs, strict=True)
         ), forces
 
-    def team_at(self, team: Team, t: Scalar) -> Team:
-        """Return the true parameters at time t [s], with the compliance of open contacts."""
+    def initial_regrasps(self) -> Contacts | None:
+        """Return the contacts that have closed again before the flight: none. None if no contact can close again."""
+        times = self.regrasp_time
+        return None if times is None else tuple(jnp.zeros(time.shape, bool) for time in times)
+
+    def team_at(self, team: Team, t: Scalar, regrasped: Contacts | None = None) -> Team:
+        """Return the true parameters with the compliance of open contacts.
+
+        Args:
+            team: True parameters without faults.
+            t: Time [s].
+            regrasped: Contacts that have closed again; None if none can.
+
+        Returns:
+            The true parameters.
+        """
         if self.release_time is None:
             return team
+        opened = [t >= start - 1e-9 for start in self.release_time]
+        if regrasped is not None:
+            opened = [is_open & ~closed for is_open, closed in zip(opened, regrasped, strict=True)]
         groups = tuple(
-            dataclasses.replace(group, contact_compliance=jnp.where(t >= start - 1e-9, OPEN_COMPLIANCE, 0.0))
-            for group, start in zip(team.agent_groups, self.release_time, strict=True)
+            dataclasses.replace(group, contact_compliance=jnp.where(is_open, OPEN_COMPLIANCE, 0.0))
+            for group, is_open in zip(team.agent_groups, opened, strict=True)
         )
         return dataclasses.replace(team, agent_groups=groups)
+
+    def regrasp(self, team: Team, state: State, regrasped: Contacts | None, t: Scalar) -> tuple[State, Contacts | None]:
+        """Close the open contacts whose tips are within `CAPTURE_DISTANCE` of their contact points.
+
+        The impact is perfectly inelastic. The velocity after it is the nearest one, in the metric of the mass matrix,
+        at which no tip moves relative to its contact point (`contact_dynamics.project_to_constraints`). Impulses at the
+        contacts cause the difference. Momenta are therefore conserved, and the kinetic energy decreases by that of the
+        difference (Carnot's theorem). The same projection closes the remaining distance.
+
+        Args:
+            team: True parameters without faults.
+            state: State of the team at time t.
+            regrasped: Contacts that have closed again; None if none can.
+            t: Time [s].
+
+        Returns:
+            The state after the impact, and the contacts that have closed again.
+
+        References:
+            Brogliato, *Nonsmooth Mechanics*, 2016 (impacts as projections in the kinetic metric).
+        """
+        if self.regrasp_time is None or self.release_time is None or regrasped is None:
+            return state, regrasped
+        gaps = grasp.split_contacts(team, grasp.constraint_residual(team, state))
+        found = tuple(
+            was_closed | ((t >= time - 1e-9) & ((gap * gap).sum(-1) <= CAPTURE_DISTANCE**2))
+            for was_closed, time, gap in zip(regrasped, self.regrasp_time, gaps, strict=True)
+        )
+        news = [(now & ~before).any() for now, before in zip(found, regrasped, strict=True)]
+        impact = jnp.stack(news).any()
+        after = contact_dynamics.project_to_constraints(self.team_at(team, t, found), state)
+        return jax.tree.map(lambda new, old: jnp.where(impact, new, old), after, state), found

@@ -29,7 +29,7 @@ from colift.models.state import (
 from colift.simulation import contact_dynamics, disturbances
 from colift.simulation import sensors as sensors_module
 from colift.simulation.actuators import IdealActuators
-from colift.simulation.faults import Faults, RotorForces
+from colift.simulation.faults import Contacts, Faults, RotorForces
 
 Scalar = Float[Array, ""]
 
@@ -45,6 +45,7 @@ class WorldState:
     actuators: Any  # state of the actuators
     sensors: tuple[Any, ...]  # states of the additional sensors
     rotor_forces: RotorForces | None = None  # N, forces of the last tick; None without faults of single rotors
+    regrasped: Contacts | None = None  # contacts that have closed again; None if none can
 
 
 @pytree
@@ -170,10 +171,14 @@ class SimulatedWorld:
     faults: Faults | None = None  # faults of rotors and contacts; None without one
     payload_on_ground: bool = static(default=False)  # True: the ground bears the payload, which is not held
 
-    def team_at(self, t: Scalar) -> Team:
-        """Return the true parameters at time t [s]."""
-        team = self.team if self.mass_step is None else self.mass_step.team_at(self.team, t)
-        return team if self.faults is None else self.faults.team_at(team, t)
+    def team_at(self, t: Scalar, regrasped: Contacts | None = None) -> Team:
+        """Return the true parameters at time t [s], for given contacts that have closed again."""
+        team = self.closed_team_at(t)
+        return team if self.faults is None else self.faults.team_at(team, t, regrasped)
+
+    def closed_team_at(self, t: Scalar) -> Team:
+        """Return the true parameters at time t [s] without open contacts."""
+        return self.team if self.mass_step is None else self.mass_step.team_at(self.team, t)
 
     def sample_noise(self, key: Array, ticks: int) -> WorldNoise:
         """Draw the sensor noise of several ticks from one random key."""
@@ -202,6 +207,8 @@ class SimulatedWorld:
         measurement = sensors_module.measure(
             self.team, self.sensors, jax.tree.map(jnp.zeros_like, self.tip_force_bias), sensed, zero_noise.sensors
         )
+        regrasped = None if self.faults is None else self.faults.initial_regrasps()
+        measurement = dataclasses.replace(measurement, regrasped=regrasped)
         sensor_states, clock = [], ControlClock(t=jnp.zeros(()), dt=jnp.zeros(()))
         for sensor, sensor_noise in zip(self.sensor_models, zero_noise.sensor_models, strict=True):
             sensor_states.append(sensor.init(measurement))
@@ -226,6 +233,7 @@ class SimulatedWorld:
             actuators=self.actuators.init(command),
             sensors=sensor_states,
             rotor_forces=None if self.faults is None else self.faults.rotor_forces(command),
+            regrasped=None if self.faults is None else self.faults.initial_regrasps(),
         )
 
     def disturbance_forces(
@@ -261,7 +269,7 @@ class SimulatedWorld:
         """
         t = clock.t
         f = self.disturbance_forces(state.state, t, state.disturbances)
-        a, lam = self.plant.forward_dynamics(self.team_at(t), state.state, state.applied_inputs, f)
+        a, lam = self.plant.forward_dynamics(self.team_at(t, state.regrasped), state.state, state.applied_inputs, f)
         b = smoothing_factor(self.sensors.tip_force_bandwidth, clock.dt)
         filtered = tuple(old + b * (new - old) for old, new in zip(state.filtered_tip_forces, lam, strict=True))
         sensed = sensors_module.SensedState(
@@ -273,6 +281,7 @@ class SimulatedWorld:
             f=f,
         )
         measurement = sensors_module.measure(self.team, self.sensors, self.tip_force_bias, sensed, noise.sensors)
+        measurement = dataclasses.replace(measurement, regrasped=state.regrasped)
         sensor_states = []
         for sensor, sensor_state, sensor_noise in zip(
             self.sensor_models, state.sensors, noise.sensor_models, strict=True
@@ -298,11 +307,14 @@ class SimulatedWorld:
         if self.faults is not None:
             inputs, rotor_forces = self.faults.limit(inputs, state.rotor_forces, t)
         f = self.disturbance_forces(state.state, t, state.disturbances)
-        team = self.team_at(t)
+        team = self.team_at(t, state.regrasped)
         a, lam = self.plant.forward_dynamics(team, state.state, inputs, f)
         z = self.plant.step(
             team, state.state, inputs, lambda z, s: self.disturbance_forces(z, t + s, state.disturbances), dt
         )
+        regrasped = state.regrasped
+        if self.faults is not None:
+            z, regrasped = self.faults.regrasp(self.closed_team_at(t), z, regrasped, t + dt)
         next_state = WorldState(
             state=z,
             applied_inputs=inputs,
@@ -311,6 +323,7 @@ class SimulatedWorld:
             actuators=actuators,
             sensors=state.sensors,
             rotor_forces=rotor_forces,
+            regrasped=regrasped,
         )
         opens = self.faults is not None and self.faults.release_time is not None
         return next_state, GroundTruth(

@@ -63,6 +63,16 @@ def test_an_open_contact_is_away_and_unloaded(angle, force, is_open):
     assert not np.asarray(detect(CLOSED, r, jnp.zeros((2, 2, 3)), jnp.asarray(0.05))[0]).any()
 
 
+def test_a_contact_closes_by_the_report_of_its_gripper():
+    z, before = PAPER.initial_state, (jnp.array([[True, False], [True, False]]),)
+    estimate = state_estimator.StateEstimate(
+        agents=z.agents, payload=z.payload, a_L=jnp.zeros(6), lam=(jnp.zeros((2, 2, 3)),)
+    )
+    reading = dataclasses.replace(AT_REST, regrasped=(jnp.array([[True, False], [False, False]]),))
+    (found,) = jax.jit(MONITOR.update)(before, TEAM, estimate, reading, LATE)
+    np.testing.assert_array_equal(found, [[False, False], [True, False]])
+
+
 def test_an_open_contact_stays_open():
     """An agent keeps its last contact."""
     at_rest, light = PAPER.initial_state.agents[0].r, jnp.zeros((2, 2, 3))
@@ -147,6 +157,20 @@ def test_the_free_arm_returns_to_its_contact():
     (a_0, _, _), (a, commanded, true) = response(jnp.asarray(0.0)), response(jnp.asarray(0.01))
     np.testing.assert_allclose(a - a_0, -0.01 * float(onboard.agent_controller.gains.agent_k_R), rtol=0.1)
     np.testing.assert_allclose([commanded, true], 0.0, atol=1e-9)
+
+
+@pytest.mark.long
+def test_a_flight_continues_after_a_regrasp():
+    """The contact closes, bears its force again, and no force exceeds that of the flight with an open contact."""
+    fault = {"kind": "contact", "who": "agent_1/left", "start_s": 2.0, "end_s": 4.0}
+    settings = python_api.load_scenario("trio", {"allocation": {"kind": "constrained"}, "faults": [fault]})
+    setup = experiment.make_experiment(settings, "C1")
+    result = flight.run_experiment(dataclasses.replace(setup, duration=6.0))
+    t, lam = np.asarray(result.records.t), np.linalg.norm(result.records.lam, axis=2)
+    assert not result.termination_reason
+    assert lam[(t > 2.1) & (t < 3.9), 0].max() < 1e-8
+    assert lam[t > 5, 0].min() > 1
+    assert lam[t > 4].max() < lam[(t > 2) & (t < 4)].max()
 
 
 @pytest.mark.long

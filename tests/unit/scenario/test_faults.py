@@ -40,7 +40,13 @@ def test_settings_reach_the_world():
     np.testing.assert_array_equal(loss.share[0], [0.6, 1.0])
     assert (float(loss.start), float(loss.end)) == (1.0, np.inf)
     np.testing.assert_array_equal(world.faults.release_time[0], [[np.inf, np.inf], [2.0, np.inf]])
+    assert world.faults.regrasp_time is None
     assert world.sensor_models[-1].channel == "payload.p"
+
+
+def test_the_time_of_a_regrasp_reaches_the_world():
+    world = experiment.make_experiment(load({**CONTACT, "end_s": 3}), "C1").world
+    np.testing.assert_array_equal(world.faults.regrasp_time[0], [[np.inf, np.inf], [3.0, np.inf]])
 
 
 def test_a_link_fault_reaches_world_and_controller():
@@ -83,10 +89,12 @@ def test_a_rotor_fault_requires_rotors():
 
 
 def test_faults_are_described_by_kind_part_and_time():
-    given = load(THRUST, CONTACT, SENSOR, ROTOR, {**ROTOR, "to": 0}, LINK, actuators=MOTORS).faults
+    closes = {**CONTACT, "who": "rear/right", "end_s": 4}
+    given = load(THRUST, CONTACT, closes, SENSOR, ROTOR, {**ROTOR, "to": 0}, LINK, actuators=MOTORS).faults
     assert [fault.describe() for fault in given] == [
         "rotors of front at 0.6 of their effectiveness from 1 s",
         "contact rear/left open from 2 s",
+        "contact rear/right open from 2 s, may close from 4 s",
         "reading p of payload stuck from 1 s to 2 s",
         "rotor rear/3 stuck from 1 s",
         "rotor rear/3 at 0 of its force from 1 s",
@@ -101,6 +109,7 @@ def test_faults_are_described_by_kind_part_and_time():
         ({**THRUST, "to": 1.2}, "faults.*to: must be from 0 to 0.99"),
         ({**THRUST, "start_s": 5, "end_s": 4}, "end_s.* must exceed start_s = 5, got 4"),
         ({**THRUST, "start_s": 500}, "start_s.* must be less than duration_s = 20, got 500"),
+        ({**CONTACT, "end_s": 2}, "end_s.* must exceed start_s = 2, got 2"),
         ({**LINK, "who": "raer"}, "did you mean 'rear'"),
         ({**LINK, "delay_s": 0.0201}, "faults.*delay_s.*whole ticks"),
         ({**LINK, "rate_Hz": 1e4}, "faults.*rate_Hz.*control_Hz"),

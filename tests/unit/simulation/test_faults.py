@@ -1,4 +1,4 @@
-"""Tests of thrust losses and open contacts: inputs, forces, motion and momentum; no fault leaves a flight unchanged."""
+"""Tests of thrust losses, open contacts and regrasps: inputs, forces, motion, momentum; flights without faults."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from colift.closed_loop import flight
 from colift.models import grasp
 from colift.models.parameters import OPEN_COMPLIANCE, Team
-from colift.models.state import AgentInput, zero_residual
+from colift.models.state import AgentInput, State, zero_residual
 from colift.scenario import experiment
 from colift.simulation import actuators, contact_dynamics, faults
 from tests.support import paper_flights as paper
@@ -131,6 +131,38 @@ def test_open_contact_bears_no_force():
     assert gap[0] > 1e-3
     assert gap[1:].max() < 1e-9
     assert np.abs(grasp.constraint_residual(team, z)).max() < 1e-9  # counts closed contacts only
+
+
+def regrasp(time: float = 1.0) -> tuple[Team, faults.Faults]:
+    """Return the paper's team, and faults by which the first contact opens at 0 s and may close again at a time."""
+    release, close = np.full((2, 2, 2), np.inf)
+    release[0, 0], close[0, 0] = 0.0, time
+    team = paper.paper_experiment("C1").world.team
+    return team, faults.Faults(release_time=(jnp.asarray(release),), regrasp_time=(jnp.asarray(close),))
+
+
+def parted(distance: float) -> State:
+    """Return a moving state in which the tip of the first contact is away from its contact point."""
+    z, _ = moving()
+    (agents,) = z.agents
+    agents = dataclasses.replace(agents, r=agents.r.at[0, 1].add(distance / 0.3))  # the arm has a length of 0.3 m
+    return contact_dynamics.project_to_constraints(released(), dataclasses.replace(z, agents=(agents,)))
+
+
+@pytest.mark.parametrize(("distance", "t", "closes"), [(0.008, 1.0, True), (0.02, 1.0, False), (0.008, 0.99, False)])
+def test_a_contact_closes_within_the_capture_distance(distance, t, closes):
+    """It does not close before its time; it then stays closed, and its distance vanishes."""
+    team, given = regrasp()
+    z = parted(distance)
+    after, found = jax.jit(given.regrasp)(team, z, given.initial_regrasps(), jnp.asarray(t))
+    assert bool(found[0][0, 0]) == closes
+    if not closes:
+        for one, two in zip(jax.tree.leaves(after), jax.tree.leaves(z), strict=True):
+            np.testing.assert_array_equal(one, two)
+        return
+    gap = np.linalg.norm(grasp.constraint_residual(team, after), axis=1)
+    assert gap.max() < 1e-4  # of second order in the distance
+    assert given.team_at(team, jnp.asarray(t), found).agent_groups[0].contact_compliance.max() == 0
 
 
 def test_value_of_the_compliance_has_no_influence():

@@ -8,8 +8,11 @@ A contact counts as open if two conditions hold in one control period:
 Encoder readings are not filtered here: until the detection, their filter assumes that the tip follows the payload.
 A stuck pose does not change the force of a closed contact, and a small force does not change its distance.
 
-An open contact stays open. The last closed contact of an agent counts as closed, because an agent without contacts
-requires another controller. Agents with one arm are therefore not monitored.
+An open contact stays open until its gripper reports that it has closed again (`Measurement.regrasped`). A tip that is
+held at its contact point bears almost no force, so distance and force do not show that a contact has closed.
+
+The last closed contact of an agent counts as closed, because an agent without contacts requires another controller.
+Agents with one arm are therefore not monitored.
 
 See Also:
     docs/decisions/0005-general-force-allocation: measured delays, and flights with an open contact.
@@ -87,6 +90,8 @@ class ContactMonitor:
             unloaded = (lam * lam).sum(-1) < (FORCE_FACTOR * self.force_std) ** 2
             is_last = (~was_open).sum(1, keepdims=True) < 2
             found.append(was_open | (away & unloaded & ~is_last & (t >= self.start)))
+        if measurement.regrasped is not None:
+            found = [is_open & ~closed for is_open, closed in zip(found, measurement.regrasped, strict=True)]
         return tuple(found)
 
     def acting(self, state: OpenContacts, team: Team) -> Team:

@@ -111,15 +111,19 @@ class LinkFault(Transmitted, _TemporaryFault):
         return f"commands to {self.who} at {self.rate_Hz:g} Hz{late}{lost} {self.period}"
 
 
-class ContactFault(_Fault):
-    """A contact, stated as `agent/arm`, opens and stays open; no force acts there from then on."""
+class ContactFault(_TemporaryFault):
+    """A contact, stated as `agent/arm`, opens; no force acts there while it is open.
+
+    From `end_s` on it closes as soon as its tip is within 10 mm of its contact point, by a perfectly inelastic impact.
+    """
 
     kind: Literal["contact"]
     """Selects this fault."""
 
     def describe(self) -> str:
         """Describe the fault in a few words."""
-        return f"contact {self.who} open from {self.start_s:g} s"
+        closing = "" if self.end_s is None else f", may close from {self.end_s:g} s"
+        return f"contact {self.who} open from {self.start_s:g} s{closing}"
 
 
 Fault = Annotated[ThrustFault | RotorFault | SensorFault | LinkFault | ContactFault, Field(discriminator="kind")]
