@@ -116,7 +116,9 @@ def test_functions_of_equations_are_called():
     assert {name for name in named if name.rpartition(".")[2] not in used} == set()
 
 
-@pytest.mark.parametrize("name", ["errata.md", "performance.md", "notation.md", "references.md"])
+@pytest.mark.parametrize(
+    "name", ["certificate.md", "equations.md", "errata.md", "notation.md", "performance.md", "references.md"]
+)
 def test_tests_named_by_pages_exist(name):
     for file, test in re.findall(r"`([\w/]*test_\w+\.py)::(\w+)`", page(name)):
         assert test in names_of_tests(file), f"{file}::{test}"

@@ -35,7 +35,7 @@ def summary(flight: FlightResult, truth: Team, nominal: Team) -> dict[str, Any]:
 
     RMS values and means are over the second half of the flight. Norms of wrenches and of sigma are given in three
     forms: force part, moment part, and the total norm of the paper, which adds newtons and newton meters. Names end
-    with the unit; a name without unit belongs to a dimensionless value, or to one that mixes newtons and newton metres.
+    with the unit; a name without unit belongs to a dimensionless value, or to one that mixes newtons and newton meters.
     Metrics of contact forces are None if the records omit `lam` or `lam_cmd`.
 
     Args:

@@ -169,10 +169,10 @@ def recovery_bound(
             feasible.correlations(body.x) @ L.T,
             low_rank_factor(correlation(body.model, i, body.x, body.x)).squares(L),
         )
-        l1_norm, centre = np.abs(L).sum(1), L @ (mu[:, i] - prior_mean(body)[i])
+        l1_norm, center = np.abs(L).sum(1), L @ (mu[:, i] - prior_mean(body)[i])
         for side, sign in enumerate((1, -1)):
             value = (
-                optimal_recovery.minimize_upper_bounds(feasible, sign * k, squared_norm, l1_norm) - sign * centre
+                optimal_recovery.minimize_upper_bounds(feasible, sign * k, squared_norm, l1_norm) - sign * center
             ).reshape(-1, len(significant))
             bound[side, ..., i][:, significant] = np.minimum(value, band[side, ..., i][:, significant])
         progress()

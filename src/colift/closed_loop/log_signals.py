@@ -73,10 +73,10 @@ SIGNALS = {
     "Psi": SignalSpec((), "1", "none", "attitude error function Psi = tr(I - R_d^T R_L)/2"),
     "R": SignalSpec(("agent", *ROTATION_DIMS), "1", "base to world", "base attitude R_j"),
     "q": SignalSpec(("agent", "quaternion"), "1", "base to world", "base attitude R_j as unit quaternion"),
-    "x": SignalSpec(AGENT_VECTOR_DIMS, "m", "world", "centre of mass of an agent x_j"),
+    "x": SignalSpec(AGENT_VECTOR_DIMS, "m", "world", "center of mass of an agent x_j"),
     "p_base": SignalSpec(AGENT_VECTOR_DIMS, "m", "world", "position of the base origin of an agent"),
     "omega": SignalSpec(AGENT_VECTOR_DIMS, "rad/s", "base", "base angular velocity omega_j"),
-    "v_agent": SignalSpec(AGENT_VECTOR_DIMS, "m/s", "world", "velocity of the centre of mass dx_j/dt"),
+    "v_agent": SignalSpec(AGENT_VECTOR_DIMS, "m/s", "world", "velocity of the center of mass dx_j/dt"),
     **_joints("r", ANGLE, "joint position r"),
     **_joints("r_dot", RATE, "joint rate dr/dt"),
     "u": SignalSpec(AGENT, "N", "along the base's z axis", "thrust u_j, as applied"),
@@ -230,7 +230,7 @@ UNCERTAINTY_SIGNALS = {
 }
 """Variables on the coarser axis `time_sigma`: posterior, label bias, predictive standard deviation and error bounds.
 
-Norms of a body add newtons and newton metres, as in the paper. Error bounds are infinite where data contradict the
+Norms of a body add newtons and newton meters, as in the paper. Error bounds are infinite where data contradict the
 assumptions of the bound.
 """
 

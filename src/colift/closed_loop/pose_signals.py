@@ -33,7 +33,7 @@ def continuous_quaternions(R: np.ndarray) -> np.ndarray:
 
 
 def base_positions(team: Team, R: np.ndarray, x: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Compute the positions of the base origins: `x - R s(r)`, s: centre of mass in the base frame.
+    """Compute the positions of the base origins: `x - R s(r)`, s: center of mass in the base frame.
 
     Args:
         team: True parameters of the team.

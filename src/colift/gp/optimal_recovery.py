@@ -201,8 +201,8 @@ def recovery_interval(
     k, V = feasible.correlations(Z) @ a, Z / feasible.lengthscales
     squared_norm, l1_norm = float(a @ kernel_matrix(hyper.kernel, V, V) @ a), float(np.abs(a).sum())
     upper, lower = (sign * maximize_functional(feasible, sign * k, squared_norm, l1_norm).value for sign in (1, -1))
-    centre = float(np.asarray(hyper.constant_mean)[output]) * a.sum()
-    return RecoveryInterval(lower=float(centre + lower), upper=float(centre + upper))
+    center = float(np.asarray(hyper.constant_mean)[output]) * a.sum()
+    return RecoveryInterval(lower=float(center + lower), upper=float(center + upper))
 
 
 def maximize_functional(feasible: FeasibleSet, k: np.ndarray, squared_norm: float, l1_norm: float) -> WorstCase:

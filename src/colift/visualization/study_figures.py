@@ -1,4 +1,4 @@
-"""Figures of a study: team, tracking error, wrench mismatch, contact forces and online correction.
+"""Figures of a study: team, tracking error, wrench mismatch, contact forces and residual correction.
 
 `write_figures` also writes the figures of `uncertainty_figures`.
 """
@@ -49,9 +49,9 @@ def write_figures(cases: axes_module.Cases, descriptions: Mapping[str, str], fol
     """Write all figures of a study as PDF and PNG (300 dpi).
 
     Figures 1 and 2 show all cases; they have a second version with the width of one column. Figures with one column per
-    case omit the baselines if there are other cases. Figure 7 shows the cases with online correction, figure 8 the last
-    case that is not a baseline, and figure 9 the cases with an allocation within limits or with faults. The line of a
-    case that stopped early ends in a cross. The metadata of each file contain the run id. A folder that cannot be
+    case omit the baselines if there are other cases. Figure 7 shows the cases with residual correction, figure 8 the
+    last case that is not a baseline, and figure 9 the cases with an allocation within limits or with faults. The line
+    of a case that stopped early ends in a cross. The metadata of each file contain the run id. A folder that cannot be
     written raises `OSError`.
 
     Args:
@@ -325,7 +325,7 @@ def plot_online_correction(cases: axes_module.Cases, descriptions: Mapping[str, 
     is below 0.5 are shaded: the agents have no labels. Vertical lines mark change points.
 
     Args:
-        cases: Logs of cases with online correction.
+        cases: Logs of cases with residual correction.
         descriptions: Description of each case.
 
     Returns:

@@ -51,7 +51,7 @@ class DataRecorder:
     """Periodic recorder of the samples of a state estimator.
 
     Attributes:
-        sample_period: Time between two samples [s]; at least the memory of the label filter.
+        sample_period: Time between two samples [s].
         start: Time of the first sample [s], after the transients of the filters.
         end: Time after which no sample is recorded [s] (T_end of Assumption dataset).
         payload: Whether payload samples are recorded.

@@ -97,8 +97,8 @@ class SensorFault(_TemporaryFault):
 class LinkFault(Transmitted, _TemporaryFault):
     """Link from the leader to an agent with its own rate, a delay and losses.
 
-    The agent holds the last command that it received, which fades after 0.4 s: the commanded acceleration decreases to
-    zero with a time constant of 0.2 s, and the contact forces keep weight, residuals and internal forces.
+    The agent holds the last command that it received. After 0.4 s the commanded acceleration decreases to zero with a
+    time constant of 0.2 s. The contact forces keep weight, residuals and internal forces.
     """
 
     kind: Literal["link"]

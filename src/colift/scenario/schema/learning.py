@@ -53,7 +53,7 @@ class Learning(Interval):
     refit_period_s: fields.Span = 10.0
     """Period of the fits after the last of `update_times_s`, case `adaptive`."""
     sample_Hz: fields.Rate
-    """Sampling rate of the recording; the period should not be shorter than the memory of the label filter."""
+    """Sampling rate of the recording. Labels of samples closer than the delay of the label filter are correlated."""
     label_filter_Hz: fields.Rate
     """Corner frequency of the second-order filter of every term of a label."""
     max_samples: fields.Capacity
