@@ -27,10 +27,11 @@ MAX_QUATERNION_ERROR = 1e-3  # of the norm
 VERSIONS = ("1", "1.0", "1.1", "1.2")
 JOINT_TYPES = (link_tree.REVOLUTE, link_tree.CONTINUOUS, link_tree.PRISMATIC, link_tree.FIXED)
 ENTRIES = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # entries of an inertia
+MIRRORED_ENTRIES = {"iyx": "ixy", "izx": "ixz", "izy": "iyz"}  # lower triangle, which some exporters also write
 ATTRIBUTES = {  # attributes of the elements that define the model
     "origin": ("xyz", "rpy", "quat_xyzw"),
     "mass": ("value",),
-    "inertia": ENTRIES,
+    "inertia": (*ENTRIES, *MIRRORED_ENTRIES),
     "axis": ("xyz",),
     "parent": ("link",),
     "child": ("link",),
@@ -101,12 +102,13 @@ def parse_link_tree(text: str | bytes, file: str) -> LinkTree:
 
 @dataclasses.dataclass
 class _Element:
-    """XML element with its location."""
+    """XML element with its location; `parent` is None for the document."""
 
     tag: str
     attributes: dict[str, str]
     location: str  # file:line
     children: list[_Element]
+    parent: _Element | None = None
     text: str = ""
 
     def one(self, tag: str) -> _Element | None:
@@ -128,8 +130,13 @@ class _Element:
             pending += reversed(element.children)
 
     def __str__(self) -> str:
-        """Return tag and name, for messages."""
-        return f"{self.tag} {self.attributes['name']!r}" if "name" in self.attributes else f"<{self.tag}>"
+        """Return tag and name, or the tag and the closest element around it that has a name, for messages."""
+        if "name" in self.attributes:
+            return f"{self.tag} {self.attributes['name']!r}"
+        around = self.parent
+        while around is not None and "name" not in around.attributes:
+            around = around.parent
+        return f"<{self.tag}>" if around is None or around.tag == "robot" else f"<{self.tag}> of {around}"
 
 
 class _Doctype(ValueError):
@@ -148,8 +155,8 @@ def _check_attributes(element: _Element, owner: _Element) -> None:
         if name not in known and ":" not in name:
             _fail(
                 element,
-                f"{owner}: attribute {name!r} of <{element.tag}> is unknown and could change the model; "
-                f"known: {', '.join(known)}",
+                f"{owner}: attribute {name!r} of <{element.tag}> is unknown and could change the model: remove it, or "
+                f"use one of {', '.join(known)}",
             )
 
 
@@ -159,7 +166,7 @@ def _xml(text: str | bytes, file: str) -> _Element:
     open_elements = [top]
 
     def begin(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, f"{file}:{parser.CurrentLineNumber}", [])
+        element = _Element(tag, attributes, f"{file}:{parser.CurrentLineNumber}", [], open_elements[-1])
         open_elements[-1].children.append(element)
         open_elements.append(element)
 
@@ -460,11 +467,23 @@ def _inertial(link: _Element) -> Body | None:
         return None
     m = _entry(inertial, "mass", "value", link)
     xx, yy, zz, xy, xz, yz = (_entry(inertial, "inertia", name, link) for name in ENTRIES)
+    _check_symmetry(inertial, link)
     R, com = _origin(inertial, link)
     J = link_tree.symmetric(R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T)
     if m < 0:
         _fail(inertial, f"{link}: mass {m:g} kg is negative")
     return Body(mass=m, com=com, inertia=J) if m > 0 or J.any() else None
+
+
+def _check_symmetry(inertial: _Element, link: _Element) -> None:
+    """Fail if an entry below the diagonal of an inertia is stated and differs from the one above it."""
+    stated = inertial.one("inertia")
+    for name, mirrored in MIRRORED_ENTRIES.items():
+        if stated is None or name not in stated.attributes:
+            continue
+        below, above = (_entry(inertial, "inertia", each, link) for each in (name, mirrored))
+        if abs(below - above) > 1e-9 * max(abs(below), abs(above)):
+            _fail(stated, f"{link}: the inertia is not symmetric: {name} is {below:g}, {mirrored} is {above:g}")
 
 
 def _entry(inertial: _Element, tag: str, name: str, link: _Element) -> float:

@@ -633,7 +633,8 @@ def test_limits_from_zero_to_zero_are_a_placeholder() -> None:
         ('quat_xyzw="0 0 0.7071067811865476', 'quat_xyzw="0 0 0.8', "must be a unit quaternion, its norm is 1.06"),
         ('xyz="0.1 0 -0.1"', 'rpy="0 0 1"', "states its rotation twice, as 'rpy' and as 'quat_xyzw'"),
         ('xyz="0.1 0 -0.1"', 'xyz="0.1 0 -0.1" scale="2"', "attribute 'scale' of <origin> is unknown"),
-        ('<mass value="1"/>', '<mass value="1" unit="g"/>', "link 'base'|<inertial>: attribute 'unit' of <mass>"),
+        ('<mass value="1"/>', '<mass value="1" unit="g"/>', "<inertial> of link 'base': attribute 'unit' of <mass>"),
+        ('iyz="0"', 'iyz="0" iyx="1e-4"', "link 'base': the inertia is not symmetric: iyx is 0.0001, ixy is 0"),
         ('lower="-1"', 'lower="3"', "joint 'elbow': the lower limit 3 exceeds the upper limit 2"),
         ("</robot>", '<loop_joint name="l"/></robot>', "<loop_joint> closes a loop"),
     ],
@@ -642,6 +643,17 @@ def test_attributes_that_change_the_model_are_refused(written: str, instead: str
     assert written in TURNED
     with pytest.raises(ValueError, match=rf"^r\.urdf:\d+: .*({answer})"):
         urdf.parse_urdf(TURNED.replace(written, instead, 1), "r.urdf")
+
+
+def test_a_full_inertia_matrix_is_read() -> None:
+    full = TURNED.replace(
+        'ixy="0" ixz="0" iyy="0.02" iyz="0"', 'ixy="1e-3" iyx="1e-3" ixz="0" iyy="0.02" iyz="0" izy="0"'
+    )
+    assert full != TURNED
+    half = full.replace(' iyx="1e-3"', "").replace(' izy="0"', "")
+    np.testing.assert_array_equal(
+        urdf.parse_urdf(full, "r.urdf").bodies[0].inertia, urdf.parse_urdf(half, "r.urdf").bodies[0].inertia
+    )
 
 
 def test_an_empty_floating_root_is_dropped() -> None:
