@@ -28,6 +28,7 @@ from colift.models.robot import Joint
 
 ROTOR_NAME = re.compile(r"rotor|thrust|propell|airscrew|(?<![a-z])(props?|blades?|fans?)(?![a-z])", re.IGNORECASE)
 FINGER_NAME = re.compile(r"finger|gripper|jaw|claw|knuckle|thumb|pincer|(?<![a-z])grip(?![a-z])", re.IGNORECASE)
+HOLDER_NAME = re.compile(r"gripper|(?<![a-z])grip(?![a-z])", re.IGNORECASE)  # also of the body that carries fingers
 SENSOR_NAME = re.compile(
     r"sensor|camera|gimbal|lidar|laser|sonar|imu|gps|gnss|baro|magnetom|optical|depth|realsense|hokuyo|velodyne|antenna"
     r"|odometry|battery|processor|(?<![a-z])(bat|cam|cog|led|zed|d435i?|t265|gyro|landing|gear|skid|leg)s?(?![a-z])",
@@ -184,21 +185,35 @@ def _grippers(tree: LinkTree, taken: set[str]) -> Iterator[tuple[str, ...]]:
     """Yield the joints of the fingers of each gripper.
 
     Fingers are the joints below one body whose names, or those of the links they move, are names of fingers; or a pair
-    of leaves that close against each other.
+    of leaves that close against each other. A joint that moves the body of several fingers is not one of them.
     """
     found = skeleton(tree, dict.fromkeys(taken, 0.0))
-    for body in range(len(found.members)):
+    groups: list[tuple[str, ...]] = []  # from the last body to the first, because those of fingers come after others
+    for body in reversed(range(len(found.members))):
         starts = [joint for joint in found.joints if joint.parent == body]
         fingers: list[str] = []
         for start in starts:
             joints = [tree.joints[start.name], *_subtree(tree, tree.joints[start.name].child)[1]]
-            moving = [joint for joint in joints if joint.kind != FIXED and joint.name not in taken]
-            if all(FINGER_NAME.search(joint.name) or FINGER_NAME.search(joint.child) for joint in moving):
-                fingers += [joint.name for joint in moving]
+            moving = [joint.name for joint in joints if joint.kind != FIXED and joint.name not in taken]
+            if all(_has_finger_name(tree, name) for name in moving) and not _moves_gripper(tree, moving, groups):
+                fingers += moving
         paired = dict.fromkeys(name for pair in _pairs(tree, found, body) for name in pair)
         fingers += [name for name in paired if name not in fingers]
         if fingers:
-            yield tuple(fingers)
+            groups = [*(group for group in groups if not set(group) <= set(fingers)), tuple(fingers)]
+    yield from reversed(groups)
+
+
+def _has_finger_name(tree: LinkTree, name: str) -> bool:
+    """Return whether a joint, or the link that it moves, has the name of a finger."""
+    return any(FINGER_NAME.search(text) for text in (name, tree.joints[name].child))
+
+
+def _moves_gripper(tree: LinkTree, chain: list[str], groups: list[tuple[str, ...]]) -> bool:
+    """Return whether the first joint of a chain moves several fingers, and has no name of a single finger."""
+    first = [HOLDER_NAME.sub("", text) for text in (chain[0], tree.joints[chain[0]].child)]
+    several = any(len(group) > 1 and set(group) < set(chain) for group in groups)
+    return several and not any(FINGER_NAME.search(text) for text in first)
 
 
 def _pairs(tree: LinkTree, found: Skeleton, body: int) -> Iterator[tuple[str, str]]:

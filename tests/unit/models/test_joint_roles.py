@@ -168,6 +168,19 @@ def test_each_of_three_fingers_is_listed_once() -> None:
     assert roles(*ARM, *fingers).grippers == (("a", "b", "c"),)
 
 
+def test_the_joint_of_a_gripper_s_body_is_no_finger() -> None:
+    body = link("gripper_link") + joint("wrist", "fore", "gripper_link", axis="0 0 1", xyz="0 0 -0.1")
+    fingers = [
+        link(f"{n}_finger", 0.01) + joint(n, "gripper_link", f"{n}_finger", "prismatic", f"0 {s}1 0", f"0 {s}0.02 -0.1")
+        for n, s in (("left", ""), ("right", "-"))
+    ]
+    found = roles(*ARM, body, *fingers)
+    assert (found.grippers, found.frozen) == ((("left", "right"),), ("left", "right"))
+    assert found.tips == (TipProposal("gripper_link", (0.0, 0.0, -0.1)),)
+    knuckle = [body.replace("gripper_link", "knuckle"), *(each.replace("gripper_link", "knuckle") for each in fingers)]
+    assert roles(*ARM, *knuckle).grippers == (("wrist", "left", "right"),)
+
+
 def test_joints_without_a_range_are_fixed() -> None:
     locked = '<limit lower="0.5" upper="0.5" effort="1" velocity="1"/>'
     last = link("hand") + joint("wrist", "fore", "hand", xyz="0 0 -0.1", more=locked)
