@@ -284,7 +284,7 @@ def model_inputs(team: Team, rows: StepRecord) -> tuple[np.ndarray, tuple[np.nda
     agents, first, joint = [], 0, 0
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         agent_slice, joint_slice = slice(first, first + size), slice(joint, joint + size * group.tree.joints)
-        r, r_dot = (a[:, joint_slice].reshape(time, size, -1) for a in (rows.r, rows.r_dot))
+        r, r_dot = (a[:, joint_slice].reshape(time, size, group.tree.joints) for a in (rows.r, rows.r_dot))
         R, x, omega, v = (a[:, agent_slice] for a in (rows.R, rows.x, rows.omega, rows.v_agent))
         agents.append(np.concatenate([R.reshape(time, size, 9), x, r, omega, v, r_dot], axis=2))
         first, joint = agent_slice.stop, joint_slice.stop

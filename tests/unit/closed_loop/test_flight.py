@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import time
+import types
 import weakref
 from typing import Any
 
@@ -22,7 +23,7 @@ from colift.onboard.learning import model_update, online_learner
 from colift.scenario import experiment
 from colift.scenario.termination import MIN_GRASP_RATIO
 from colift.simulation import disturbances
-from tests.support import paper_flights
+from tests.support import paper_flights, random_teams
 from tests.support import small_team as light
 from tests.support.paper_flights import (
     NAMES,
@@ -428,3 +429,14 @@ def test_part_without_native_code_runs_in_jax(caplog):
     assert flown.termination_reason == ""
     (line,) = [line for line in caplog.messages if "run on JAX" in line]
     assert "'pure_callback' is not supported, at " in line
+
+
+def test_a_chunk_without_states_has_no_model_inputs():
+    """Updates at a short interval leave chunks without a state; a vehicle without joints has no joint columns."""
+    team = random_teams.team(np.random.default_rng(0), ((random_teams.RIGID, 3), (random_teams.CHAIN, 1)))
+    joints = random_teams.CHAIN.joints
+    sizes = {"r": (joints,), "r_dot": (joints,), "R": (4, 3, 3), "x": (4, 3), "omega": (4, 3), "v_agent": (4, 3)}
+    sizes |= {"p": (3,), "v": (3,), "R_L": (3, 3), "omega_L": (3,), "t": ()}
+    rows = types.SimpleNamespace(**{name: np.zeros((0, *shape)) for name, shape in sizes.items()})
+    payload, agents = signals.model_inputs.__wrapped__(team, rows)  # type: ignore[attr-defined]
+    assert [x.shape for x in (payload, *agents)] == [(0, 18), (0, 3, 18), (0, 1, 18 + 2 * joints)]
