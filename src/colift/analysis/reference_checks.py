@@ -294,8 +294,8 @@ def _less_acceleration_of_table(given: schema.Sampled, motion: _Motion, fault: _
 
 
 def _larger_deviation(name: str, fits: np.ndarray, limit: float) -> str:
-    """Return the least deviation with an acceleration within a limit; empty if it is too large for noise."""
-    smoother = fits[fits[:, 1] < limit]
+    """Return the least deviation above the present one with an acceleration within a limit; empty if it is no noise."""
+    smoother = fits[(fits[:, 1] < limit) & (fits[:, 0] > fits[-1, 0])]
     if not len(smoother) or smoother[:, 0].min() > MAX_NOISE[name]:
         return ""
     deviation, peak = smoother[np.argmin(smoother[:, 0])]

@@ -36,12 +36,15 @@ from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
 from colift.simulation import sensors
 from colift.simulation.world import SimulatedWorld, WorldNoise
+from colift.trajectories.base import ReferenceTrajectory
+from colift.trajectories.pose_spline import PiecewisePolynomial, PoseSpline, RotationLegs
 
 MAX_NEWTON_ITERATIONS = 30  # about five are needed from level hover
 SETTLING_TIME = 10.0  # s, simulated before a second attempt of Newton's method
 EQUILIBRIUM_TOLERANCE = 1e-9  # largest change of the loop state in one tick, in SI units
 DIFFERENCE_STEP = 1e-5  # of finite differences, in SI units; terms of fourth order are neglected
 DEADBEAT_THRESHOLD = 0.01  # modes with a smaller |z| decay within one tick and are omitted
+MAX_START_RATE = 1e-6  # m/s, rad/s and their rates per second; a reference with smaller ones starts at rest
 MARGINAL_THRESHOLD = 1e-6  # rad/s, rounding error of a rate: that of |z| divided by the control period
 
 
@@ -329,10 +332,11 @@ def _rows_of(x: LoopStateTree, pattern: str) -> np.ndarray:
 def equilibrium_and_jacobian(experiment: flight.Experiment, state: State) -> tuple[LoopStateTree, np.ndarray]:
     """Compute the equilibrium of the loop near a state and the Jacobian of one tick there, on the host.
 
-    The reference is held at its start. Plant parameters are the true ones, controller parameters the nominal ones.
-    Sensors are exact and sampled at every tick, and there are no disturbances. The equilibrium can therefore differ
-    from the reference, for example for a payload that is heavier than its nominal model. Newton's method solves
-    `x = map(x)`; its Jacobian is recomputed only if an iteration reduces the residual by less than a factor of 10.
+    The reference is held at its first pose, at rest. Plant parameters are the true ones, controller parameters the
+    nominal ones. Sensors are exact and sampled at every tick, and there are no disturbances. The equilibrium can
+    therefore differ from the reference, for example for a payload that is heavier than its nominal model. Newton's
+    method solves `x = map(x)`; its Jacobian is recomputed only if an iteration reduces the residual by less than a
+    factor of 10.
     Finite differences use the compiled `simulator.rollout`, so no additional program is compiled. If Newton's method
     fails, it is restarted from the loop state after a simulation of `SETTLING_TIME`.
 
@@ -407,7 +411,8 @@ def _undisturbed_loop(
         if isinstance(healthy.estimator, ComplementaryFilter):  # exact readings can repeat
             estimator = dataclasses.replace(healthy.estimator, detects_stuck_tips=False)
             healthy = dataclasses.replace(healthy, estimator=estimator)
-        experiment = dataclasses.replace(experiment, controller=healthy)
+        at_rest = _pose_at_rest(onboard.reference)
+        experiment = dataclasses.replace(experiment, controller=dataclasses.replace(healthy, reference=at_rest))
     experiment = dataclasses.replace(experiment, world=_without_disturbances(experiment.world))
     ticks = flight.ticks_per_chunk(experiment)
     drawn = jax.eval_shape(lambda world, key: world.sample_noise(key, ticks), experiment.world, jax.random.key(0))
@@ -424,6 +429,18 @@ def _undisturbed_loop(
         corrector = filter_.steady_state(corrector, experiment.loop_config.dt)
         end = dataclasses.replace(end, controller=dataclasses.replace(end.controller, corrector=corrector))
     return experiment.loop_config, dataclasses.replace(end, tick=start.tick, termination=start.termination), noise
+
+
+def _pose_at_rest(reference: ReferenceTrajectory) -> ReferenceTrajectory:
+    """Return the first pose of a reference that starts in motion, at rest; a loop in motion has no equilibrium."""
+    d = reference.evaluate(jnp.zeros(()))
+    if max(float(jnp.abs(rate).max()) for rate in (d.v, d.a, d.omega, d.omega_dot)) <= MAX_START_RATE:
+        return reference
+    knots, constant = jnp.array([0.0, 1.0]), jnp.zeros((1, 8, 3))
+    return PoseSpline(
+        position=PiecewisePolynomial(knots=knots, coefficients=constant.at[0, 0].set(d.p)),
+        attitude=RotationLegs(phi=PiecewisePolynomial(knots=knots, coefficients=constant), R=d.R[None]),
+    )
 
 
 def predict_growth_rate(

@@ -161,6 +161,19 @@ def test_noise_is_smoothed_by_the_proposed_deviation(tmp_path):
     assert found(sampled(tmp_path, rows, f", {name}: {deviation}")).advice == ()
 
 
+def test_a_deviation_within_the_present_one_is_not_proposed(tmp_path):
+    """A first attitude that is far from the next one is no noise."""
+    t = 0.05 * np.arange(200)
+    turn = np.where(t > 0, np.pi / 2, 0.0) + 0.3 * np.random.default_rng(0).normal(size=200).cumsum() / 14
+    rows = np.column_stack([t, 0 * t, 0 * t, 2 + 0 * t, turn])
+    columns = "time_s,x_m,y_m,z_m,roll_rad"
+    settings = sampled(tmp_path, np.column_stack([rows, 0 * t, 0 * t]), columns=f"{columns},pitch_rad,yaw_rad")
+    advice = found(settings).advice
+    for stated in re.findall(r"--set reference\.deviation_deg=([\d.e-]+)", " ".join(advice)):
+        assert float(stated) > settings.reference.table("attitude_fits")[-1, 0]
+    assert advice
+
+
 def test_a_turn_that_angles_state_but_no_leg_makes_is_named():
     seen = found(waypoints((0, 0, 0, 2, 0), (5, 1, 0, 2, 360)))
     assert "changes yaw by 360 deg in leg 1, which turns by the shorter way" in seen.message

@@ -15,6 +15,7 @@ from colift.closed_loop import flight, signals, simulator
 from colift.models.state import State
 from colift.scenario import experiment, initial_states
 from colift.simulation import sensors
+from colift.trajectories.pose_spline import PiecewisePolynomial, PoseSpline, RotationLegs
 from colift.workflows import python_api
 from tests.support import paper_flights as paper
 from tests.support import small_team as light
@@ -156,6 +157,26 @@ def test_slow_control_rate_is_unstable(monkeypatch):
     grown = np.linalg.matrix_power(M, 4) @ d
     off = simulated(slow, x, d, 4) - simulated(slow, x, 0 * d, 4)  # minus the remaining motion at equilibrium
     np.testing.assert_allclose(off, grown, atol=1e-3 * np.abs(grown).max())
+
+
+def test_a_reference_that_starts_in_motion_has_an_equilibrium():
+    """The loop rests at the first pose, as with a reference that starts there at rest."""
+    one = experiment.make_experiment(light.settings(), "C1")
+    state = initial_states.equilibrium_state(light.settings(), one.world.team)
+    start = one.controller.reference.evaluate(jnp.zeros(()))
+    x = {}
+    for speed in (0.0, 0.5):
+        knots, c = jnp.array([0.0, 2.0]), jnp.zeros((1, 8, 3))
+        moving = PoseSpline(
+            position=PiecewisePolynomial(knots=knots, coefficients=c.at[0, 0].set(start.p).at[0, 1:3].set(speed)),
+            attitude=RotationLegs(
+                phi=PiecewisePolynomial(knots=knots, coefficients=c.at[0, 1].set(speed)), R=start.R[None]
+            ),
+        )
+        of = dataclasses.replace(one, controller=dataclasses.replace(one.controller, reference=moving))
+        x[speed], _ = stability.equilibrium_and_jacobian(of, state)
+    still = jax.tree.map(lambda leaf: leaf[None], x[0.0])
+    np.testing.assert_allclose(stability._coordinates(x[0.5], still), 0, atol=1e-9)
 
 
 def test_missing_equilibrium_is_reported():
