@@ -38,6 +38,12 @@ MAX_TIME = 1e5  # s, as `fields.Instant`
 MIN_STEP = 1e-6  # s between two poses; the spline of closer ones has no finite coefficients
 MAX_DIGITS = 30  # of a whole number, which is read exactly
 
+COMMON_NAMES = {  # patterns of names in logs and plans, without their units
+    "time": r"t|time|stamp|timestamp|secs?|seconds",
+    **{f"{axis}_m": rf"(p|t|pos|position|p_rs_r)?[._ ]?{axis}(_m)?" for axis in "xyz"},
+    **{f"q{part}": rf"(q|quat|quaternion|orientation|q_rs)[._ ]?{part}" for part in "wxyz"},
+}
+
 Column = Annotated[str, Field(strict=True, max_length=200)]  # name of a column
 
 
@@ -292,9 +298,38 @@ def _columns(
     errors = list(_column_errors(names, where, section.extra_columns == "ignore"))
     if errors:
         if header is not None and section.columns is None:
+            missing = not TIMES.keys() & set(names) or not set(POSITION) <= set(names)
+            if missing and (proposal := _proposal(header[1])):
+                raise _TableError(f"{where}: the columns have other names: state reference.columns, such as {proposal}")
             errors.append(f"reference.columns can name the columns {', '.join(header[1])[:200]} otherwise")
         raise _TableError("\n".join(errors))
     return {name: names.index(name) for name in names if name in KNOWN_COLUMNS}, width
+
+
+def _proposal(header: list[str]) -> str:
+    """Return settings that assign names in common use; empty if the time or a coordinate has another name."""
+    found: dict[str, str] = {}
+    for name in header:
+        bare = re.sub(r"[\[(].*", "", name).strip(" .-_").lower()
+        for column, pattern in COMMON_NAMES.items():
+            if re.fullmatch(pattern, bare):
+                found.setdefault(_time_column(name) if column == "time" else column, name)
+    if len(found.keys() & TIMES.keys()) != 1 or not found.keys() >= set(POSITION):
+        return ""
+    if not found.keys() >= set(QUATERNION):
+        found = {column: name for column, name in found.items() if column not in QUATERNION}
+    assigned = ", ".join(
+        f"{column}: {name if re.fullmatch(r'[a-z][a-z_]*', name) and name not in ('y', 'n') else format_value(name)}"
+        for column, name in found.items()
+    )
+    rest = ", and extra_columns: ignore" if len(found) < len(header) else ""
+    return f"{{{assigned}}}{rest}"
+
+
+def _time_column(name: str) -> str:
+    """Return the column of a time whose unit is in its name."""
+    unit = re.search(r"(?<![a-z])(ms|us|ns)(?![a-z])", name.lower())
+    return f"time_{unit[1]}" if unit else "time_s"
 
 
 def _renamed(columns: dict[str, str], line: int, header: list[str]) -> list[str]:
@@ -350,7 +385,8 @@ def _poses(section: SampledFromFile, table: _Table) -> tuple[np.ndarray, np.ndar
     finite = np.isfinite(np.column_stack([t, p, R.reshape(len(R), 9)])).all(1)
     wrong = [(row, "must have finite numbers") for row in np.flatnonzero(~finite)]
     far = np.abs(p).max(1) > MAX_COORDINATE
-    wrong += [(row, f"the position must be within {MAX_COORDINATE:g} m") for row in np.flatnonzero(far)]
+    shift = "; subtract an origin from all positions of the table"
+    wrong += [(row, f"the position must be within {MAX_COORDINATE:g} m{shift}") for row in np.flatnonzero(far)[:1]]
     ordered = np.concatenate([[True], t[1:] - np.maximum.accumulate(t)[:-1] > MIN_STEP])
     if section.unordered_rows == "reject":
         hint = "; unordered_rows: skip leaves such poses out"
@@ -367,11 +403,22 @@ def _poses(section: SampledFromFile, table: _Table) -> tuple[np.ndarray, np.ndar
         more = [f"and {len(found) - MAX_LINES_OF_ERRORS} more lines"] if len(found) > MAX_LINES_OF_ERRORS else []
         raise _TableError("\n".join([*found[:MAX_LINES_OF_ERRORS], *more]))
     if np.abs(t).max() > MAX_TIME:
-        found = f"got {t[0]:.6g} to {t[-1]:.6g} s; leave out time_offset_s, or adapt it"
+        found = f"got {t[0]:.6g} to {t[-1]:.6g} s; {_time_remedy(clock, stamps[0], float(np.ptp(t)))}"
         raise _TableError(f"the times must be within {MAX_TIME:g} s, {found}")
     if ordered.sum() < 2:
         raise _TableError("must hold two poses or more with ascending times")
     return t[ordered], p[ordered], R[ordered]
+
+
+def _time_remedy(clock: str, first: float | int, duration: float) -> str:
+    """Return the change with which the times are within their limit; first stamps are often seconds since 1970."""
+    if duration <= MAX_TIME:
+        return "leave out time_offset_s, or adapt it"
+    finer = [name for name, count in TIMES.items() if duration * TIMES[clock] / count <= MAX_TIME]
+    since_1970 = [name for name in finer if 1e8 < first / TIMES[name] < 1e10]
+    for name in since_1970 or finer:
+        return f"name the column {name} if that is its unit"
+    return "shorten the table, or reduce time_scale"
 
 
 def _times(section: SampledFromFile, values: Sequence[float | int], per_second: int) -> np.ndarray:

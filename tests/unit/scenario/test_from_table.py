@@ -201,7 +201,7 @@ GOOD = "0,0,0,1\n1,1,0,1\n"
         ("", "", "must hold two poses or more, got 0"),
         (f"{HEAD}\n0,0,0,1\n", "", "must hold two poses or more, got 1"),
         (GOOD, "", "has no line of column names: state reference.columns, such as [time_s, x_m, y_m, z_m]"),
-        (f"time,x_m,y_m,z_m\n{GOOD}", "", "line 1: one column of time is required (time_s, time_ms, time_us, time_ns)"),
+        (f"when,x_m,y_m,z_m\n{GOOD}", "", "line 1: one column of time is required (time_s, time_ms, time_us, time_ns)"),
         (f"time_s,x_m,y_m,h\n{GOOD}", "", "line 1: column z_m is required"),
         (f"{HEAD},qw\n0,0,0,1,1\n1,0,0,1,1\n", "", "line 1: qw, qx, qy, qz must occur together"),
         (
@@ -237,6 +237,50 @@ GOOD = "0,0,0,1\n1,1,0,1\n"
 )
 def test_mistakes_in_a_table_have_its_line(tmp_path, text, options, says):
     assert refused(tmp_path, text, options)[0].startswith(f"file: 'log.csv': {says}")
+
+
+@pytest.mark.parametrize(
+    ("head", "clock"),
+    [
+        ("t,p_x,p_y,p_z,q_w,q_x,q_y,q_z,v_x", T),
+        (
+            "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], b",
+            1e9 * T,
+        ),
+        ("time,x,y,z,qw,qx,qy,qz,note", T),
+        ("# timestamp tx ty tz qw qx qy qz vx", T),
+        ("Time (s),Position.X,Position.Y,Position.Z,quat_w,quat_x,quat_y,quat_z,Yaw", T),
+    ],
+)
+def test_names_in_common_use_have_one_proposal_that_works(tmp_path, head, clock):
+    separator = "," if "," in head else " "
+    rows = table([np.round(clock), P, wxyz(TURNED), T] if clock[1] > 1 else [clock, P, wxyz(TURNED), T], separator)
+    if clock[1] > 1:
+        rows = re.sub(r"^([\d.e+]+)", lambda found: f"{float(found[1]):.0f}", rows, flags=re.MULTILINE)
+    (line,) = refused(tmp_path, f"{head}\n{rows}")
+    start = "file: 'log.csv': line 1: the columns have other names: state reference.columns, such as "
+    assert line.startswith(start)
+    columns, _, rest = line.removeprefix(start).partition(", and ")
+    check(read(tmp_path, f"{head}\n{rows}", f"columns: {columns}, {rest}"))
+
+
+def test_a_time_in_a_finer_unit_is_proposed(tmp_path):
+    for first, step, unit in (
+        (1403715524907143168, 5_000_000, "ns"),
+        (1403715524907143, 5_000_000, "us"),
+        (0, 10**6, "ms"),
+    ):
+        rows = "".join(f"{first + k * step},{k},0,1\n" for k in range(101))
+        (line,) = refused(tmp_path, rows, f"columns: [{HEAD}]")
+        assert line.endswith(f" s; name the column time_{unit} if that is its unit")
+
+
+def test_positions_far_from_the_origin_are_one_error(tmp_path):
+    rows = [T, P + [458_000.0, 5_400_000.0, 160.0]]
+    (line,) = refused(tmp_path, table(rows, head=f"{HEAD}\n"))
+    assert line.endswith(
+        "line 2: the position must be within 10000 m; subtract an origin from all positions of the table"
+    )
 
 
 def test_poses_out_of_order_can_be_skipped(tmp_path):
