@@ -9,6 +9,8 @@ import numpy as np
 
 from colift.scenario import Scenario, schema, team
 
+TOLERANCE = 1e-6  # rad or m, so that a position on a limit that differs by rounding is within the limits
+
 
 @dataclasses.dataclass(frozen=True)
 class _NamedJoint:
@@ -81,12 +83,12 @@ def position_violations(settings: Scenario, equilibrium: np.ndarray) -> tuple[tu
             continue
         lower, upper = limits
         stated = f"its limits {lower:g} to {upper:g} {each.unit}"
-        if not lower <= each.nominal <= upper:
+        if not lower - TOLERANCE <= each.nominal <= upper + TOLERANCE:
             sentences.append(
                 f"{each.name} has the nominal position {each.nominal:.3g} {each.unit}, outside of {stated}"
             )
             advice.append(f"--set {each.path}={(lower + upper) / 2:.4g}")
-        elif not lower <= r <= upper:
+        elif not lower - TOLERANCE <= r <= upper + TOLERANCE:
             sentences.append(f"{each.name} rests at {r:.3g} {each.unit}, outside of {stated}")
             advice.append(
                 f"move the contacts of {each.name.partition('/')[0]} (agents: contact_positions_m), so that "
@@ -124,5 +126,5 @@ def flight_violations(
             x = values[:, k]
             excess = np.maximum(x - high, low - x)
             worst = int(np.argmax(excess))
-            if excess[worst] > 0:
+            if excess[worst] > TOLERANCE:
                 yield f"{each.name} {what}: {x[worst]:.3g} at {t[worst]:.3g} s"

@@ -31,7 +31,7 @@ class ChoiceRequiredError(ValueError):
     Attributes:
         problem: Sentence with the location.
         option: Parameter of `reduce_tree` that makes the choice.
-        choices: Values of the parameter with their meaning.
+        choices: Values of the parameter with their meaning; names of joints are separated by commas.
     """
 
     def __init__(self, problem: str, option: str, choices: Mapping[str, str]):
@@ -40,7 +40,7 @@ class ChoiceRequiredError(ValueError):
 
     def __str__(self) -> str:
         """Return the problem and the choices as parameters of a Python call."""
-        return self.advise(lambda option, value: f"{option}={value!r}")
+        return self.advise(lambda option, value: f"{option}={value.split(',') if option == 'frozen' else value!r}")
 
     def advise(self, form: Callable[[str, str], str]) -> str:
         """Return the problem and the choices.
@@ -198,8 +198,8 @@ def reduce_tree(
 ) -> Robot:
     """Fix frozen joints and merge rigidly connected links.
 
-    Coupled joints without a choice, and bodies that violate the triangle inequality, raise `ChoiceRequiredError`, which
-    is a `ValueError`.
+    Coupled joints without a choice, moved bodies without inertia, and bodies that violate the triangle inequality
+    raise `ChoiceRequiredError`, which is a `ValueError`.
 
     Args:
         tree: Links and joints.
@@ -219,7 +219,15 @@ def reduce_tree(
     """
     found = skeleton(tree, _frozen_positions(tree, mimic, nominal_positions, frozen))
     changes: list[str] = []
-    bodies = tuple(_body(tree, names, found.placements, inertia, changes) for names in found.members)
+    try:
+        bodies = tuple(_body(tree, names, found.placements, inertia, changes) for names in found.members)
+    except ChoiceRequiredError:
+        raise
+    except ValueError as error:
+        if not (light := _joints_without_inertia(tree, found)):
+            raise ValueError(f"{error}: correct it in the file") from None
+        meaning = "the joints of all links without mass or inertia, in addition to other frozen joints"
+        raise ChoiceRequiredError(str(error), "frozen", {light: meaning}) from None
     return Robot(file=tree.file, bodies=bodies, joints=found.joints, links=found.placements, changes=tuple(changes))
 
 
@@ -385,6 +393,13 @@ def balanced_moments(moments: np.ndarray) -> np.ndarray:
     """
     excess = max(float(moments[2] - moments[0] - moments[1]), 0.0) / 3
     return moments + excess * np.array([1.0, 1.0, -1.0])
+
+
+def _joints_without_inertia(tree: LinkTree, found: Skeleton) -> str:
+    """Return the joints that move a body without mass or inertia; empty if the base has none either."""
+    bodies = [merge_links(tree, names, found.placements) for names in found.members]
+    empty = [k for k, body in enumerate(bodies) if body is None or not np.linalg.eigvalsh(body.inertia)[0] > 0]
+    return "" if 0 in empty else ",".join(found.joints[k - 1].name for k in empty)
 
 
 def symmetric(J: np.ndarray) -> np.ndarray:

@@ -156,13 +156,11 @@ def _without_display(spec: Any, mujoco: Any) -> None:
     """Remove meshes and materials that do not influence the inertia."""
     kept = False
     for geom in list(spec.geoms):
-        if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
-            if geom.parent.explicitinertial or geom.mass == 0:
-                spec.delete(geom)
-            else:
-                kept = True
+        if geom.type == mujoco.mjtGeom.mjGEOM_MESH and (geom.parent.explicitinertial or geom.mass == 0):
+            spec.delete(geom)
         else:
             geom.material = ""
+            kept |= geom.type == mujoco.mjtGeom.mjGEOM_MESH
     for site in spec.sites:
         site.material = ""
     for group in (spec.materials, spec.textures, *(() if kept else (spec.meshes,))):
@@ -251,7 +249,8 @@ class _Reader:
         if len(found) != 1 or model.body_parentid[found[0]] != 0:
             names = ", ".join(map(self._name, found)) or "none"
             raise ValueError(
-                f"{self.file}: one vehicle is required: a body of the world with a free joint; found: {names}"
+                f"{self.file}: one vehicle is required: a body of the world with a free joint; found: {names}: "
+                f"{'remove the others from a copy of the file' if found else 'add one'}"
             )
         return found[0]
 

@@ -86,8 +86,7 @@ def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], li
             section.inertia,
         )
     except link_tree.ChoiceRequiredError as error:
-        settings = {"mimic": "mimic_joints"}
-        return {}, [(("urdf",), error.advise(lambda option, value: f"`{settings.get(option, option)}: {value}`"))]
+        return {}, [(("urdf",), error.advise(_setting))]
     except ValueError as error:
         return {}, [(("urdf",), str(error))]
     numbers = agent_type_numbers(robot, section.thrust_max_N, _tips(section, robot), nominal_positions)
@@ -96,6 +95,12 @@ def expand(section: AgentTypeFromUrdf, folder: Path) -> tuple[dict[str, Any], li
     except ScenarioError as error:
         return {}, [(("urdf",), f"{section.urdf}: {line}") for line in str(error).splitlines()]
     return numbers, []
+
+
+def _setting(option: str, value: str) -> str:
+    """Return the setting of a choice in the form of YAML."""
+    forms = {"mimic": f"mimic_joints: {value}", "frozen": f"frozen: [{value.replace(',', ', ')}]"}
+    return f"`{forms.get(option, f'{option}: {value}')}`"
 
 
 def _nominal(section: AgentTypeFromUrdf) -> dict[str, float]:

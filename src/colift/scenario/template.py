@@ -143,14 +143,16 @@ def scenario_text(name: str, vehicle: VehicleTemplate, agents: int, limited: Tra
     """
     by = vehicle.scale
     unit = by == REFERENCE
+    reach = [x for x, _, _ in vehicle.contact_offset]  # m, outward
     width = 2 * max(abs(y) for _, y, _ in vehicle.contact_offset) + 0.5 * by.length  # m, with the rotors
-    least = 0.5 * by.length
+    least = 0.5 * by.length - min(*reach, 0.0)  # m, so that contacts of arms that reach inward are apart
     radius = max(least, 0.5 * width / math.sin(math.pi / agents)) if agents > 1 else 0.0
     members = "".join(_member(f"agent_{i + 1}", vehicle, 360 * i / agents, radius) for i in range(agents))
-    wave = 2 * math.pi / (4 * radius + 2 * width)  # rad/m; the wavelength exceeds the size of the payload
+    edge = radius + max(*reach, 0.0)  # m, of the payload
+    wave = 2 * math.pi / (4 * edge + 2 * width)  # rad/m; the wavelength exceeds the size of the payload
     mass = 0.3 * vehicle.mass * agents
     mass = round(mass, 2) if unit else float(f"{mass:.3g}")
-    inertia = mass * (radius + 0.1 * by.length) ** 2 / 4  # of a round plate of some thickness
+    inertia = mass * (edge + 0.1 * by.length) ** 2 / 4  # of a round plate of some thickness
     return f"""\
 # Written by `colift init`. Adapt first the agent type, its contacts, the payload and the reference. Validate changes
 # with `colift check {name}.yaml`, and simulate them with `colift study {name}.yaml`. Settings: docs/scenarios.md.

@@ -163,7 +163,7 @@ def _vehicle(tree: LinkTree, options: VehicleOptions) -> _Vehicle:
     """Make all choices for a vehicle; raises `ValueError` with one sentence."""
     options = _resolved(tree, options)
     roles = joint_roles.classify(tree, options.frozen, options.tips)
-    nominal_positions = {joint.name: _clipped(joint, 0.0) for joint in tree.moving}
+    nominal_positions = {joint.name: _nominal_position(joint, joint.name in roles.frozen) for joint in tree.moving}
     try:
         robot = reduce_tree(tree, options.mimic, nominal_positions, roles.frozen, options.inertia)
     except ChoiceRequiredError as error:
@@ -209,18 +209,19 @@ def _resolved(tree: LinkTree, options: VehicleOptions) -> VehicleOptions:
 # Posture --------------------------------------------------------------------------------------------------------------
 
 
-def _clipped(joint: LinkJoint, value: float) -> float:
-    """Return a value, or the closest one within the limits of a joint with some distance from them."""
+def _nominal_position(joint: LinkJoint, frozen: bool) -> float:
+    """Return the position closest to zero within the limits of a joint; a joint that moves has a distance from them."""
     limits = joint.limits.position
-    if limits is None or limits[0] <= value <= limits[1]:
-        return value
-    return _inside(value, limits)
+    return 0.0 if limits is None or (frozen and limits[0] <= 0.0 <= limits[1]) else _inside(0.0, limits)
 
 
-def _inside(value: float, limits: tuple[float, float]) -> float:
+def _inside(value: float, limits: tuple[float, float] | None) -> float:
     """Return the closest value within limits, with some distance from them."""
+    if limits is None:
+        return value
     margin = min(LIMIT_MARGIN * (limits[1] - limits[0]), MAX_LIMIT_MARGIN)
-    return float(f"{min(max(value, limits[0] + margin), limits[1] - margin):.4g}")
+    lower, upper = limits[0] + margin, limits[1] - margin
+    return value if lower <= value <= upper else float(f"{min(max(value, lower), upper):.4g}")
 
 
 def _reach(own: AerialManipulator, r: np.ndarray) -> np.ndarray:
@@ -245,7 +246,7 @@ def _bent(own: AerialManipulator, start: np.ndarray, limits: Sequence[tuple[floa
     turning = [k for k, slides in enumerate(own.tree.prismatic) if not slides]
     if condition(start) < MAX_CONDITION or not turning:
         return start
-    choices = [tuple(dict.fromkeys(_permitted(x, limits[k]) for x in JOINT_ANGLE_CANDIDATES)) for k in turning]
+    choices = [tuple(dict.fromkeys(_inside(x, limits[k]) for x in JOINT_ANGLE_CANDIDATES)) for k in turning]
     if math.prod(map(len, choices)) <= NUM_CANDIDATES:
         tried = np.array(list(itertools.product(*choices)))
     else:
@@ -256,11 +257,6 @@ def _bent(own: AerialManipulator, start: np.ndarray, limits: Sequence[tuple[floa
     postures[:, turning] = tried
     best = min(postures, key=cost)
     return best if condition(best) < MIN_MANIPULABILITY else start  # `check` reports parallel axes
-
-
-def _permitted(value: float, limits: tuple[float, float] | None) -> float:
-    """Return a candidate, moved into the limits."""
-    return value if limits is None or limits[0] <= value <= limits[1] else _inside(value, limits)
 
 
 def tangential_heading(agent: AerialManipulator, r: np.ndarray) -> float:
@@ -381,7 +377,7 @@ def _notes(vehicle: _Vehicle) -> Iterator[str]:
     moving = [joint.name for joint in robot.joints]
     for name in moving:
         limits = tree.joints[name].limits.position
-        if limits is not None and not limits[0] <= 0.0 <= limits[1]:
+        if limits is not None and _inside(0.0, limits):
             stated = f"its limits {limits[0]:g} to {limits[1]:g}"
             yield f"joint {_listed([name])} rests at {vehicle.nominal_positions[name]:g}, within {stated}"
     mapped = [name for name in moving if names.legal_name(name) != name]

@@ -29,6 +29,13 @@ def test_a_nominal_position_outside_of_limits_is_reported() -> None:
     assert joint_limits.position_violations(repaired, at(repaired)) == ((), ())
 
 
+def test_a_position_on_a_limit_may_differ_by_rounding() -> None:
+    settings = limited("agent_types.two_arms.joints.left.nominal_position_rad=0.5")
+    r = at(settings)
+    r[np.isclose(r, 0.5)] -= 1e-12
+    assert joint_limits.position_violations(settings, r) == ((), ())
+
+
 def test_the_largest_violation_of_a_flight_is_reported() -> None:
     settings = limited(
         "agent_types.two_arms.joints.waist.max_speed_radps=2", "agent_types.two_arms.joints.right.max_torque_Nm=3"

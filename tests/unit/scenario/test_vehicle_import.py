@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from colift import scenario
 from colift.cli.app import app
 from colift.models import aerial_manipulator, mjcf_import
-from colift.scenario import team
+from colift.scenario import ScenarioError, team
 
 LINK = """<link name="{name}"><inertial><origin xyz="{com}"/><mass value="{m}"/>
 <inertia ixx="{a}" iyy="{a}" izz="{c}" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -93,6 +93,61 @@ def test_joints_rest_within_their_limits(tmp_path: Path) -> None:
     assert done.stdout.startswith("joint arm rests at 0.5, within its limits 0.4 to 2.7\n")
     (arm,) = scenario.load_scenario(made).agent_types["vehicle"].joints
     assert arm.nominal_position_rad == 0.5
+
+
+def test_joints_that_move_rest_away_from_their_limits(tmp_path: Path) -> None:
+    limit = '<limit lower="0" upper="2.7" effort="5" velocity="2"/>'
+    made, done = init(tmp_path, BASE + link("arm") + joint("arm", "base", "arm", limit=limit))
+    assert done.stdout.startswith("joint arm rests at 0.1, within its limits 0 to 2.7\n")
+    (arm,) = scenario.load_scenario(made).agent_types["vehicle"].joints
+    assert arm.nominal_position_rad == 0.1
+
+
+def test_joints_of_links_without_inertia_are_named(tmp_path: Path) -> None:
+    """The error contains the option or the setting that fixes the joints."""
+    empty = '<link name="{0}"/>'
+    cross = "".join(
+        empty.format(f"cross_{k}")
+        + joint(f"pan_{k}", "base", f"cross_{k}", "0 0 1")
+        + link(f"arm_{k}")
+        + joint(f"tilt_{k}", f"cross_{k}", f"arm_{k}")
+        for k in range(2)
+    )
+    robot = BASE + cross + joint("waist", "arm_0", "end") + link("end")
+    _, done = init(tmp_path, robot)
+    assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
+    assert (
+        "link 'cross_0' has no <inertial>; every body requires mass and inertia: choose --frozen pan_0,pan_1"
+        in done.stderr
+    )
+    made, done = init(tmp_path, robot, "--frozen", "pan_0,pan_1")
+    assert done.exit_code == 0, done.stderr
+    text = made.read_text(encoding="utf-8").replace('frozen: ["pan_0", "pan_1"]', "frozen: []")
+    with pytest.raises(ScenarioError, match=r"choose `frozen: \[pan_0, pan_1\]`"):
+        scenario.parse(text, str(made))
+
+
+def test_a_payload_reaches_as_far_as_long_arms(tmp_path: Path) -> None:
+    """The plate has the contacts within its edge, and the gust a wavelength above their distances."""
+    long = link("arm", 0.3, 0.02, com="1 0 0") + joint("pan", "base", "arm", "0 1 0")
+    hand = '<link name="hand"/>' + joint("hand", "arm", "hand", xyz="3 0 0", kind="fixed")
+    made, done = init(tmp_path, BASE + long + hand)
+    assert done.exit_code == 0, done.stderr
+    settings = scenario.load_scenario(made)
+    reach = np.linalg.norm([agent.contact_positions_m[0] for agent in settings.agents], axis=1).max()
+    assert reach > 3
+    radius = 2 * np.sqrt(settings.payload.inertia_kgm2[0][0] / settings.payload.mass_kg)
+    assert radius > reach
+
+
+def test_contacts_of_arms_that_reach_inward_are_apart(tmp_path: Path) -> None:
+    back = link("arm", 0.1, com="-0.2 0 0") + joint("pan", "base", "arm", "0 1 0")
+    hand = '<link name="hand"/>' + joint("hand", "arm", "hand", xyz="-0.6 0 0", kind="fixed")
+    made, done = init(tmp_path, BASE + back + hand)
+    assert done.exit_code == 0, done.stderr
+    contacts = np.array([agent.contact_positions_m[0] for agent in scenario.load_scenario(made).agents])
+    assert np.linalg.norm(contacts[0] - contacts[1]) > 0.5
+    assert contacts[0, 0] > 0
 
 
 def test_options_choose_joints_tips_and_treatments(tmp_path: Path) -> None:
@@ -262,7 +317,7 @@ MESH = 'vertex="0 0 0 1 0 0 0 1 0 0 0 1"'
         (
             "<freejoint/>",
             "<freejoint/><inertial pos='0 0 0' mass='1' diaginertia='1 1 1'/></body><body name='other'><freejoint/>",
-            "one vehicle is required",
+            "one vehicle is required: a body of the world with a free joint; found: ",
         ),
         ('type="hinge" axis="0 1 0"', 'type="ball"', "body 'fore' has a joint that is neither a hinge nor a slide"),
         (
@@ -285,6 +340,20 @@ def test_an_mjcf_file_without_a_vehicle_is_refused(
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1), done.output
     assert answer in done.stderr
     assert sorted(file.name for file in tmp_path.iterdir()) == ["vehicle.xml"]  # neither a scenario nor a log of MuJoCo
+
+
+def test_an_mjcf_mesh_with_material_may_define_the_inertia(tmp_path: Path) -> None:
+    """Materials are removed, also from a mesh that defines the inertia of its body and from default classes."""
+    pytest.importorskip("mujoco")
+    text = MJCF.replace('inertiafromgeom="false"', "").replace('file="none.obj"', 'vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1"')
+    text = text.replace("<asset>", '<default><geom material="grey"/></default><asset>')
+    text = text.replace(
+        '<inertial pos="0.01 0 -0.07" mass="0.1" diaginertia="2e-4 2e-4 2e-5"/>',
+        '<geom type="mesh" mesh="m" mass="0.1" material="grey"/>',
+    )
+    made, done = init_mjcf(tmp_path, text)
+    assert done.exit_code == 0, done.stderr
+    assert scenario.load_scenario(made).agent_types["vehicle"].joints[1].body.mass_kg == pytest.approx(0.1)
 
 
 MESH_GEOM = '<geom type="mesh" mesh="m" mass="1"/></body></body></body></worldbody>'
