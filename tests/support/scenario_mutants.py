@@ -83,6 +83,9 @@ HEADS = [
 
 Mutation = Callable[[np.random.Generator, str], str]
 
+NAME = r"(?<![A-Za-z_0-9])([A-Za-z_0-9]+):"
+"""Name of a setting. Without the condition on its start, the search takes quadratic time in long words."""
+
 
 def _pick(rng: np.random.Generator, of: list[str]) -> str:
     return of[rng.integers(len(of))]
@@ -110,10 +113,8 @@ MUTATIONS: list[Mutation] = [
     *2 * [lambda rng, text: _replace_match(rng, text, r"(?<![\w.])(-?\d[\d.e+-]*)", VALUES)],
     *2 * [lambda rng, text: _replace_match(rng, text, r": (\S.*)$", VALUES)],
     lambda rng, text: _replace_match(rng, text, r": ([A-Za-z_/]+)", VALUES),
-    lambda rng, text: _replace_match(
-        rng, text, r"([A-Za-z_0-9]+):", ["name", "kind", "urdf", "1", "~", '"\\ud800"', "<<", "x"]
-    ),
-    lambda rng, text: _replace_match(rng, text, r"([A-Za-z_0-9]+):", ["".join(rng.choice(list("abc_NmHz"), 6))]),
+    lambda rng, text: _replace_match(rng, text, NAME, ["name", "kind", "urdf", "1", "~", '"\\ud800"', "<<", "x"]),
+    lambda rng, text: _replace_match(rng, text, NAME, ["".join(rng.choice(list("abc_NmHz"), 6))]),
     _lines(lambda rng, rows, i: rows[:i] + rows[i + 1 :]),
     _lines(lambda rng, rows, i: rows[: i + 1] + rows[i:]),
     _lines(lambda rng, rows, i: rows[:i] + 200 * rows[i : i + 1] + rows[i:]),
