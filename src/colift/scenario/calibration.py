@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from colift.closed_loop import calibration, flight, termination
+from colift.models.parameters import Team
 from colift.onboard.control import free_flight
 from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.estimation import contact_forces, state_estimator
-from colift.onboard.learning import mean_functions, recorder
-from colift.scenario import controllers, priors, schema, trajectories
+from colift.onboard.learning import mean_functions, model_update, recorder, semiparametric
+from colift.scenario import controllers, initial_states, priors, schema, trajectories
 from colift.scenario.conversion import array
 from colift.scenario.errors import ScenarioError
 from colift.simulation import contact_dynamics
@@ -66,7 +67,7 @@ def make_calibration(settings: schema.Scenario, experiment: flight.Experiment) -
         controller=_free_flight(settings, controller, experiment),
         termination_limits=_no_limits(experiment.termination_limits),
         duration=given.calibration_s,
-        fit_options=priors.position_only_options(settings, controller.team),
+        fit_options=_fit_options(settings, controller.team),
     )
     return calibration.CalibrationFlight(
         experiment=free,
@@ -79,11 +80,24 @@ def make_calibration(settings: schema.Scenario, experiment: flight.Experiment) -
     )
 
 
+def _fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOptions | None:
+    """Return the options of the fits: `priors.position_only_options`, with few features of the joint torques."""
+    options, features = priors.position_only_options(settings, nominal), priors.features(settings)
+    if options is None:
+        return None
+    agents = tuple(
+        semiparametric.joint_torque_prior(hyperprior, features.agent_names(group.tree.joints))
+        for hyperprior, group in zip(options.agents, nominal.agent_groups, strict=True)
+    )
+    return dataclasses.replace(options, agents=agents)
+
+
 def _free_flight(
     settings: schema.Scenario, controller: LeaderFollowerController, experiment: flight.Experiment
 ) -> LeaderFollowerController:
     """Return the controller of the calibration flight, which records samples of the agents."""
-    z, team, given, estimator = experiment.initial_state, controller.team, settings.contact_forces, controller.estimator
+    team, given, estimator = controller.team, settings.contact_forces, controller.estimator
+    z = initial_states.state_at_rest(settings, team)  # without initial errors: the path is that of the flight
     assert not isinstance(given, schema.TipSensors)
     assert isinstance(estimator, state_estimator.ComplementaryFilter)
     capacity = controller.residual_model.payload.capacity

@@ -13,7 +13,8 @@ import pytest
 from colift.closed_loop import flight, simulator
 from colift.models.state import flatten_agent_force
 from colift.onboard.learning import residual_model
-from colift.scenario import ScenarioError, experiment
+from colift.scenario import ScenarioError, experiment, initial_states
+from colift.workflows import python_api
 from tests.support import small_team as light
 
 CALIBRATED = {"kind": "least_squares", "calibration_s": 4.0}
@@ -44,6 +45,23 @@ def test_no_contact_force_acts_in_the_calibration_flight():
     np.testing.assert_allclose(rows.p, np.broadcast_to(rows.p[0], rows.p.shape), atol=1e-9)
     moved = np.asarray(rows.x[-1]) - np.asarray(rows.x[0])
     assert np.abs(moved).max() > 0.01
+
+
+def test_the_calibration_flight_covers_the_flight_with_payload():
+    """The agents end near the path without initial errors, and the joints oscillate with the stated amplitude."""
+    settings = python_api.load_scenario("paper", {"contact_forces": CALIBRATED})
+    planned = experiment.make_experiment(settings, "C1")
+    assert planned.calibration is not None
+    free = planned.calibration.experiment  # type: ignore[attr-defined]
+    (group,) = free.controller.agent_controller.offset
+    at_rest = initial_states.state_at_rest(settings, free.controller.team)
+    np.testing.assert_allclose(group, np.asarray(at_rest.agents[0].x) - np.asarray(at_rest.payload.p), atol=1e-9)
+    loop = simulator.reset(free.loop_config, free.initial_state)
+    noise = flight.draw_noise(free.world, jax.random.key(0), 1500)
+    _, rows = simulator.rollout(free.loop_config, loop, noise, jnp.asarray(1500))
+    late = np.asarray(rows.r)[500:, 2].reshape(-1)  # 2 s, more than a period of the third joint
+    assert np.ptp(late) == pytest.approx(0.3, rel=0.3)
+    assert late.mean() == pytest.approx(float(at_rest.agents[0].r[0, 2]), abs=0.1)
 
 
 def test_calibration_identifies_the_residuals_of_the_agents():

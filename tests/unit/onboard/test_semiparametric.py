@@ -210,6 +210,15 @@ def test_jump_of_constants_and_mass_keeps_the_field(t):
     assert np.abs((target[n:] - still)[:, :3]).mean() > 0.5
 
 
+def test_joint_torques_depend_on_attitude_and_joints():
+    names = features.agent_feature_names(3)
+    found = semiparametric.joint_torque_prior(TRAINING.agents[0], names).median.lengthscales
+    inactive = np.asarray(found) == gp.INACTIVE_LENGTHSCALE
+    expected = [not name.startswith(("R_", "r_")) for name in names]
+    np.testing.assert_array_equal(inactive, [[False] * len(names)] * 6 + [expected] * 3)
+
+
 def test_custom_features_without_position_are_unchanged():
     belief = TRAINING.payload
     assert semiparametric.position_only_prior(belief, [f"feature_{i}" for i in range(20)], payload=True) is belief
+    assert semiparametric.joint_torque_prior(belief, [f"feature_{i}" for i in range(20)]) is belief

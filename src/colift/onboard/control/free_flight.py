@@ -24,16 +24,16 @@ class FreeFlightController:
     Implements the protocol `AgentController`. Contact forces are zero. With the position ``p_d`` of the reference and
     the offset ``o``, the center of mass and the joints follow::
 
-        x_dd = p_d'' - K_p (x - p_d - o) - K_v (v - p_d'),    r_dd = s'' - k_p (r - r_0 - s) - k_v (r' - s')
+        x_dd = p_d'' - K_p (x - p_d - o) - K_v (v - p_d'),    r_dd = s'' - k_R (r - r_0 - s) - k_w (r' - s')
 
-    with ``s_i = A_i sin(2 pi f_i t)`` and the least gains ``k_p, k_v`` of position. The thrust is directed as in
+    with ``s_i = A_i sin(2 pi f_i t)`` and the gains ``k_R, k_w`` of the agents' attitudes. The thrust is directed as in
     `attitude.attitude_from_thrust`.
 
     Attributes:
         gains: Feedback gains; the payload's position gains apply to the centers of mass.
         yaw: Heading of each agent [rad, world], by group.
         offset: Centers of mass relative to the reference [m, world], by group.
-        r: Joint positions at the start [rad or m], by group.
+        r: Mean joint positions [rad or m], by group.
         amplitude: Amplitudes of the joints [rad or m], by group.
         frequency: Frequencies of the joints [Hz], by group.
     """
@@ -88,8 +88,7 @@ class FreeFlightController:
         gains, w = self.gains, 2 * jnp.pi * frequency
         a = d.a - gains.K_p @ (q.x - d.p - offset) - gains.K_v @ (q.v - d.v)
         s, c = amplitude * jnp.sin(w * t), amplitude * jnp.cos(w * t)
-        k_p, k_v = jnp.diagonal(gains.K_p).min(), jnp.diagonal(gains.K_v).min()
-        r_dd = -w * w * s - k_p * (q.r - r - s) - k_v * (q.r_dot - w * c)
+        r_dd = -w * w * s - gains.agent_k_R * (q.r - r - s) - gains.agent_k_omega * (q.r_dot - w * c)
         f = agent.mass.sum() * (a - gravity) - f_hat.f_x
         R_d = attitude.attitude_from_thrust(f, yaw)
         omega_dot = realization.attitude_feedback(gains, q, R_d, jnp.zeros(3))

@@ -97,10 +97,31 @@ def position_only_prior(hyperprior: gp.HyperPrior, names: Sequence[str], payload
         The restricted hyperprior.
     """
     inactive = np.array([name not in POSITION_FEATURES for name in names])
+    return _restricted_prior(hyperprior, np.concatenate(OUTPUT_BLOCKS[payload]), inactive)
+
+
+def joint_torque_prior(hyperprior: gp.HyperPrior, names: Sequence[str]) -> gp.HyperPrior:
+    """Restrict the GPs of an agent's joint torques to attitude, joint positions and joint rates.
+
+    Friction depends on joint rates, and the moment of a link of unknown mass on attitude and joint positions.
+
+    Args:
+        hyperprior: Hyperprior of an agent over all features.
+        names: Names of the features, in order.
+
+    Returns:
+        The restricted hyperprior; the same one for a feature map without these features.
+    """
+    inactive = np.array([not name.startswith(("R_", "r_")) for name in names])
+    return _restricted_prior(hyperprior, np.arange(6, len(hyperprior.median.lengthscales)), inactive)
+
+
+def _restricted_prior(hyperprior: gp.HyperPrior, outputs: np.ndarray, inactive: np.ndarray) -> gp.HyperPrior:
+    """Return the hyperprior with inactive features of some outputs; the same one if no feature would be active."""
     if inactive.all():
         return hyperprior
-    rows, columns = np.concatenate(OUTPUT_BLOCKS[payload]), np.flatnonzero(inactive)
-    scale = hyperprior.median.lengthscales.at[np.ix_(rows, columns)].set(gp.INACTIVE_LENGTHSCALE)
+    columns = np.ix_(outputs, np.flatnonzero(inactive))
+    scale = hyperprior.median.lengthscales.at[columns].set(gp.INACTIVE_LENGTHSCALE)
     return dataclasses.replace(hyperprior, median=dataclasses.replace(hyperprior.median, lengthscales=scale))
 
 
