@@ -64,7 +64,7 @@ def make_calibration(settings: schema.Scenario, experiment: flight.Experiment) -
     free = dataclasses.replace(
         experiment,
         world=world,
-        controller=_free_flight(settings, controller, experiment),
+        controller=_free_flight(settings, controller),
         termination_limits=_no_limits(experiment.termination_limits),
         duration=given.calibration_s,
         fit_options=_fit_options(settings, controller.team),
@@ -92,9 +92,7 @@ def _fit_options(settings: schema.Scenario, nominal: Team) -> model_update.FitOp
     return dataclasses.replace(options, agents=agents)
 
 
-def _free_flight(
-    settings: schema.Scenario, controller: LeaderFollowerController, experiment: flight.Experiment
-) -> LeaderFollowerController:
+def _free_flight(settings: schema.Scenario, controller: LeaderFollowerController) -> LeaderFollowerController:
     """Return the controller of the calibration flight, which records samples of the agents."""
     team, given, estimator = controller.team, settings.contact_forces, controller.estimator
     z = initial_states.state_at_rest(settings, team)  # without initial errors: the path is that of the flight
