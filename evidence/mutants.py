@@ -402,8 +402,8 @@ MUTANTS = {
     ),
     "reachability: sign of the compensation": Mutant(
         "certification/reachability.py",
-        "l1_norm) - sign * centre",
-        "l1_norm) + sign * centre",
+        "l1_norm) - sign * center",
+        "l1_norm) + sign * center",
         "unit/certification/test_reachability",
     ),
     "linearized trajectory: direct term omitted": Mutant(
