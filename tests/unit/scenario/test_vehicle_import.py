@@ -87,20 +87,14 @@ def test_a_vehicle_without_an_arm_holds_with_its_base(tmp_path: Path) -> None:
     assert arm.joint == "base"
 
 
-def test_joints_rest_within_their_limits(tmp_path: Path) -> None:
-    limit = '<limit lower="0.4" upper="2.7" effort="5" velocity="2"/>'
+@pytest.mark.parametrize(("lower", "rest"), [("0.4", 0.5), ("0", 0.1)])
+def test_joints_rest_away_from_their_limits(tmp_path: Path, lower: str, rest: float) -> None:
+    """The nominal position is within the limits, with a distance from them, also if zero is a limit."""
+    limit = f'<limit lower="{lower}" upper="2.7" effort="5" velocity="2"/>'
     made, done = init(tmp_path, BASE + link("arm") + joint("arm", "base", "arm", limit=limit))
-    assert done.stdout.startswith("joint arm rests at 0.5, within its limits 0.4 to 2.7\n")
+    assert done.stdout.startswith(f"joint arm rests at {rest}, within its limits {lower} to 2.7\n")
     (arm,) = scenario.load_scenario(made).agent_types["vehicle"].joints
-    assert arm.nominal_position_rad == 0.5
-
-
-def test_joints_that_move_rest_away_from_their_limits(tmp_path: Path) -> None:
-    limit = '<limit lower="0" upper="2.7" effort="5" velocity="2"/>'
-    made, done = init(tmp_path, BASE + link("arm") + joint("arm", "base", "arm", limit=limit))
-    assert done.stdout.startswith("joint arm rests at 0.1, within its limits 0 to 2.7\n")
-    (arm,) = scenario.load_scenario(made).agent_types["vehicle"].joints
-    assert arm.nominal_position_rad == 0.1
+    assert arm.nominal_position_rad == rest
 
 
 def test_joints_of_links_without_inertia_are_named(tmp_path: Path) -> None:
