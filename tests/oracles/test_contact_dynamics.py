@@ -46,7 +46,17 @@ def relative_error(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.abs(np.asarray(a) - b).max() / np.abs(b).max())
 
 
-@pytest.mark.parametrize("structure", teams.POOL)
+def moments_along_axes(team: Team, moments: tuple | None) -> np.ndarray:
+    """Return the moments of the contacts along their axes, in team order."""
+    along = []
+    for group, part in zip(team.agent_groups, moments, strict=True):
+        for j in range(len(part)):
+            for k, b in enumerate(group.tree.moment_arms):
+                along.append(float(group.moment_axis[j, k] @ part[j, b]))
+    return np.array(along)
+
+
+@pytest.mark.parametrize("structure", (*teams.POOL, *teams.WITH_MOMENTS))
 @pytest.mark.parametrize("seed", range(8))
 def test_accelerations_and_forces_equal_pinocchio(structure: tuple, seed: int) -> None:
     team, z = random_team(seed, structure)
@@ -59,12 +69,14 @@ def test_accelerations_and_forces_equal_pinocchio(structure: tuple, seed: int) -
     xi_dot = [xi for group in a.agents for xi in np.asarray(group.xi_dot)]
     assert relative_error(grasp.stack_contacts(lam), expected.lam) < allowed
     assert relative_error(a.payload, expected.payload) < allowed
+    if len(expected.moments):
+        assert relative_error(moments_along_axes(team, a.contact_moments), expected.moments) < allowed
     assert relative_error(v_dot, np.array(expected.v_dot)) < allowed
     for ours, theirs in zip(xi_dot, expected.xi_dot, strict=True):
         assert relative_error(ours, theirs) < allowed
 
 
-@pytest.mark.parametrize("structure", teams.POOL)
+@pytest.mark.parametrize("structure", (*teams.POOL, *teams.WITH_MOMENTS))
 def test_a_regrasp_is_a_perfectly_inelastic_impact(structure: tuple) -> None:
     """The velocity after it is `v - M^-1 A^T (A M^-1 A^T)^-1 A v` with Pinocchio's M and A.
 
@@ -177,13 +189,14 @@ def off_grasp_state(z: State, size: float, seed: int = 0) -> State:
 
 def max_constraint_residual(team: Team, z: State) -> float:
     """Return the largest constraint residual [m or m/s]."""
-    return max(float(jnp.abs(residual(team, z)).max()) for residual in (Phi, Phi_dot))
+    return max(float(jnp.abs(residual(team, z)).max(initial=0.0)) for residual in (Phi, Phi_dot, rotations))
 
 
 Phi, Phi_dot = jax.jit(grasp.constraint_residual), jax.jit(grasp.constraint_rate)
+rotations = jax.jit(grasp.rotation_residuals)
 
 
-@pytest.mark.parametrize("structure", [teams.POOL[2], MIXED])
+@pytest.mark.parametrize("structure", [teams.POOL[2], MIXED, *teams.WITH_MOMENTS])
 def test_projection_converges_quadratically(structure: tuple) -> None:
     team, z = random_team(1, structure)
     near = off_grasp_state(z, 1e-4)
@@ -198,7 +211,7 @@ def test_projection_converges_quadratically(structure: tuple) -> None:
         np.testing.assert_allclose(a, b, atol=1e-13)
 
 
-@pytest.mark.parametrize("structure", [teams.POOL[2], MIXED])
+@pytest.mark.parametrize("structure", [teams.POOL[2], MIXED, *teams.WITH_MOMENTS])
 def test_projected_velocities_are_nearest_in_mass_metric(structure: tuple) -> None:
     """`v - M^-1 A^T (A M^-1 A^T)^-1 A v`, dense."""
     team, z = random_team(2, structure)

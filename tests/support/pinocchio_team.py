@@ -100,6 +100,7 @@ class Solution:
     xi_dot: list[np.ndarray]
     payload: np.ndarray  # (v_dot world, omega_dot body)
     lam: np.ndarray  # (contacts, 3)
+    moments: np.ndarray  # (directions,), moments at the contacts, in the order of `PinocchioTeam.axes`
     singular: np.ndarray  # of A M^-1 A^T, descending, 1/kg
 
     @property
@@ -129,6 +130,12 @@ class PinocchioTeam:
             )
             for i, c in enumerate(np.concatenate([np.array(agent.contact_position) for agent in self.agents]))
         ]
+        self.axes: list[tuple[int, int, np.ndarray]] = []  # tip frame, contact frame, axis in the payload frame
+        tip = 0
+        for agent in self.agents:
+            for b, axis in zip(agent.tree.moment_arms, getattr(agent, "moment_axis", ()), strict=True):
+                self.axes.append((self.tips[tip + b], self.contacts[tip + b], np.array(axis)))
+            tip += agent.tree.arms
         self.data = self.model.createData()
         ends = np.cumsum([free.model.nv for free in self.free])
         self.parts = [slice(end - free.model.nv, end) for end, free in zip(ends, self.free, strict=True)]
@@ -166,11 +173,20 @@ class PinocchioTeam:
         return State(agents=tuple(groups), payload=load)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Return `A`: velocities of the tips relative to the payload's contacts, in the world frame."""
+        """Return `A`: velocities of the tips relative to the payload's contacts, in the world frame.
+
+        Rows of moments follow: relative angular velocities along their axes.
+        """
         pin.computeJointJacobians(self.model, self.data, q)
         pin.updateFramePlacements(self.model, self.data)
-        J = lambda f: pin.getFrameJacobian(self.model, self.data, f, pin.LOCAL_WORLD_ALIGNED)[:3]  # noqa: E731
-        return np.concatenate([J(a) - J(b) for a, b in zip(self.tips, self.contacts, strict=True)])
+        J = lambda f: pin.getFrameJacobian(self.model, self.data, f, pin.LOCAL_WORLD_ALIGNED)  # noqa: E731
+        forces = [J(a)[:3] - J(b)[:3] for a, b in zip(self.tips, self.contacts, strict=True)]
+        moments = [self._axis(b, axis)[None] @ (J(a)[3:] - J(b)[3:]) for a, b, axis in self.axes]
+        return np.concatenate([*forces, *moments])
+
+    def _axis(self, contact: int, axis: np.ndarray) -> np.ndarray:
+        """Return an axis of the payload in the world frame."""
+        return self.data.oMf[contact].rotation @ axis
 
     def mass_matrix(self, q: np.ndarray) -> np.ndarray:
         """Return the dense mass matrix."""
@@ -190,9 +206,15 @@ class PinocchioTeam:
         c = (points - np.array(z.payload.p)) @ np.array(z.payload.R)
         counts = [g.contact_position.shape[0] * g.contact_position.shape[1] for g in self.team.agent_groups]
         cuts = np.split(c, np.cumsum(counts)[:-1])
+        R = np.array([np.array(z.payload.R).T @ self.data.oMf[f].rotation for f in self.tips])
+        grips = np.split(R, np.cumsum([g.contact_position.shape[0] * g.tree.arms for g in self.team.agent_groups])[:-1])
         groups = tuple(
-            dataclasses.replace(g, contact_position=jnp.array(part.reshape(g.contact_position.shape)))
-            for g, part in zip(self.team.agent_groups, cuts, strict=True)
+            dataclasses.replace(
+                g,
+                contact_position=jnp.array(part.reshape(g.contact_position.shape)),
+                grip_rotation=jnp.array(grip.reshape(-1, g.tree.arms, 3, 3)) if "rigid" in g.tree.contact_types else None,
+            )
+            for g, part, grip in zip(self.team.agent_groups, cuts, grips, strict=True)
         )
         team = dataclasses.replace(self.team, agent_groups=groups)
         other = PinocchioTeam(team)
@@ -208,11 +230,18 @@ class PinocchioTeam:
         nle = pin.nonLinearEffects(self.model, self.data, q, v).copy()
         pin.forwardKinematics(self.model, self.data, q, v, np.zeros(self.model.nv))
 
-        def acc(frame: int) -> np.ndarray:
-            motion = pin.getFrameClassicalAcceleration(self.model, self.data, frame, pin.LOCAL_WORLD_ALIGNED)
-            return motion.linear
+        def acc(frame: int) -> pin.Motion:
+            return pin.getFrameClassicalAcceleration(self.model, self.data, frame, pin.LOCAL_WORLD_ALIGNED)
 
-        drift = np.concatenate([acc(a) - acc(b) for a, b in zip(self.tips, self.contacts, strict=True)])
+        def omega(frame: int) -> np.ndarray:
+            return pin.getFrameVelocity(self.model, self.data, frame, pin.LOCAL_WORLD_ALIGNED).angular
+
+        drift = [acc(a).linear - acc(b).linear for a, b in zip(self.tips, self.contacts, strict=True)]
+        for a, b, axis in self.axes:
+            n = self._axis(b, axis)
+            n_dot = np.cross(omega(b), n)
+            drift.append([n @ (acc(a).angular - acc(b).angular) + n_dot @ (omega(a) - omega(b))])
+        drift = np.concatenate(drift)
         tau = self.force(q, z, inputs, f)
         K = np.block([[M, A.T], [A, np.zeros((len(A), len(A)))]])
         b = np.concatenate([tau - nle, -drift])
@@ -230,7 +259,8 @@ class PinocchioTeam:
             v_dot=v_dot,
             xi_dot=xi_dot,
             payload=np.concatenate([np.array(z.payload.R) @ classical, a[-3:]]),
-            lam=lam.reshape(-1, 3),
+            lam=lam[: 3 * len(self.tips)].reshape(-1, 3),
+            moments=lam[3 * len(self.tips) :],
             singular=np.linalg.svd(A @ np.linalg.solve(M, A.T), compute_uv=False),
         )
 

@@ -6,11 +6,13 @@ read off a random pose, so that every state is on the grasp; velocities are proj
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift.models.parameters import AerialManipulator, KinematicTree, Payload, Team
+from colift.models.parameters import MOMENTS, AerialManipulator, KinematicTree, Payload, Team
 from colift.models.state import AgentState, PayloadState, State
 
 WAIST_TWO_ARMS = KinematicTree(parents=(0, 1, 1), prismatic=(False, False, False), tip_bodies=(2, 3))
@@ -23,6 +25,16 @@ SEVEN = KinematicTree(
 )
 RIGID = KinematicTree(parents=(), prismatic=(), tip_bodies=(0,))
 TREES = (WAIST_TWO_ARMS, CHAIN, SLIDING_ARM, SLIDING_ARMS, THREE_ARMS, SEVEN, RIGID)
+
+SOFT_CHAIN = dataclasses.replace(CHAIN, contact_types=("soft_finger",))
+RIGID_GRIP = dataclasses.replace(RIGID, contact_types=("rigid",))
+SEVEN_MIXED = dataclasses.replace(SEVEN, contact_types=("point", "soft_finger", "rigid"))
+
+WITH_MOMENTS: tuple[tuple[tuple[KinematicTree, int], ...], ...] = (  # contacts that bear moments
+    ((RIGID_GRIP, 2),),
+    ((SOFT_CHAIN, 3),),
+    ((SEVEN_MIXED, 1), (RIGID_GRIP, 1), (WAIST_TWO_ARMS, 1)),
+)
 
 POOL: tuple[tuple[tuple[KinematicTree, int], ...], ...] = (  # (tree, agents) of each group
     ((CHAIN, 1),),
@@ -70,7 +82,14 @@ def agent(rng: np.random.Generator, tree: KinematicTree) -> AerialManipulator:
         tip_position=jnp.array(0.2 * rng.normal(size=(tree.arms, 3))),
         contact_position=jnp.zeros((tree.arms, 3)),
         thrust_max=jnp.array(50.0),
+        moment_axis=jnp.array(_moment_axes(rng, tree)) if tree.moment_arms else None,
     )
+
+
+def _moment_axes(rng: np.random.Generator, tree: KinematicTree) -> np.ndarray:
+    """Return a random direction for each soft finger, and the axes of a random frame for each rigid grip."""
+    frames = [rotation(rng)[: MOMENTS[kind]] for kind in tree.contact_types]
+    return np.concatenate(frames)
 
 
 def agent_state(rng: np.random.Generator, tree: KinematicTree, speed: float = 1.0) -> AgentState:

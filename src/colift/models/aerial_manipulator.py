@@ -191,9 +191,8 @@ def bias_forces(
     bodies = tree.joints + 1
     rotates, translates = _joint_effects(tree)
     rates = r_dot[None, :, None]
-    w = omega[None] + (g.J_omega * rates).sum(1)
+    w, axis_dot = _angular_velocities(tree, g, omega, rates)
     point_dot = so3.cross(omega[None], g.points) + (g.J_point * rates).sum(1)
-    axis_dot = so3.cross(w[np.array(tree.parents, dtype=int)], g.joint_axis)
     joint, joint_dot = g.points[bodies : bodies + tree.joints], point_dot[bodies : bodies + tree.joints]
     lever, lever_dot = g.points[:, None] - joint[None], point_dot[:, None] - joint_dot[None]
     J_dot = (
@@ -207,6 +206,36 @@ def bias_forces(
     h = (q.J_com * (m * a[:bodies])[:, :, None]).sum((0, 1)) + (q.J_angular * moment[:, :, None]).sum((0, 1))
     a_com = (m * a[:bodies]).sum(0) / q.mass
     return h, a[bodies + tree.joints :] - a_com[None]
+
+
+def _angular_velocities(
+    tree: KinematicTree, g: ForwardKinematics, omega: Float[Array, "3"], rates: Float[Array, "1 n_r 1"]
+) -> tuple[Float[Array, "bodies 3"], Float[Array, "n_r 3"]]:
+    """Return angular velocities of the bodies [rad/s] and rates of the joint axes relative to the world [1/s]."""
+    w = omega[None] + (g.J_omega * rates).sum(1)
+    return w, so3.cross(w[np.array(tree.parents, dtype=int)], g.joint_axis)
+
+
+def angular_motion_of_tips(
+    agent: AerialManipulator, g: ForwardKinematics, omega: Float[Array, "3"], r_dot: Float[Array, "n_r"]
+) -> tuple[Float[Array, "arms 3"], Float[Array, "arms 3"]]:
+    """Compute the angular velocities of the tip bodies, and their angular accelerations at `xi_dot = 0`.
+
+    Args:
+        agent: Parameters of the agent.
+        g: Forward kinematics at the joint positions.
+        omega: Angular velocity of the base, base frame [rad/s].
+        r_dot: Joint velocities [rad/s, m/s].
+
+    Returns:
+        Angular velocities [rad/s] and angular accelerations [rad/s^2], base frame.
+    """
+    tree, rates = agent.tree, r_dot[None, :, None]
+    w, axis_dot = _angular_velocities(tree, g, omega, rates)
+    rotates, _ = _joint_effects(tree)
+    alpha = (rotates[: tree.joints + 1] * axis_dot[None] * rates).sum(1)
+    tips = np.array(tree.tip_bodies)
+    return w[tips], alpha[tips]
 
 
 def momenta(agent: AerialManipulator, r: Float[Array, "n_r"], xi: Float[Array, "xi"]) -> Float[Array, "xi"]:

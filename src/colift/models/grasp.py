@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from colift.math import so3
-from colift.math.linalg import matmul, matvec, udu_eliminate
+from colift.math.linalg import matmul, matvec, transpose, udu_eliminate
 from colift.math.vmap import vmap_agents
 from colift.models import aerial_manipulator
-from colift.models.parameters import AerialManipulator, Team, agent_names
+from colift.models.parameters import RIGID, AerialManipulator, Team, agent_names
 from colift.models.state import AgentState, PayloadState, State, Wrench
 
 # Condition number of an agent's Delassus matrix; beyond it, contact forces have fewer than four accurate digits.
@@ -207,6 +207,113 @@ def contact_error_rate(
     return matvec(q.J_tip, xi[None]) + matvec(state.R.T[None], (state.v - payload.v)[None] - c_dot)
 
 
+def moment_directions(
+    agent: AerialManipulator, R: Float[Array, "3 3"], R_L: Float[Array, "3 3"]
+) -> Float[Array, "moments 3"]:
+    """Return the directions in which the contacts of an agent bear moments.
+
+    Args:
+        agent: Parameters of the agent, with contacts that bear moments.
+        R: Attitude of the agent.
+        R_L: Attitude of the payload.
+
+    Returns:
+        Unit vectors, base frame.
+    """
+    assert agent.moment_axis is not None  # for the type checker
+    return matvec(matmul(R.T, R_L)[None], agent.moment_axis)
+
+
+def tip_rotation_jacobian(
+    agent: AerialManipulator, q: aerial_manipulator.CentroidalModel, directions: Float[Array, "moments 3"]
+) -> Float[Array, "moments xi"]:
+    """Compute the angular velocity of the tip bodies along the directions in which contacts bear moments, per xi.
+
+    Args:
+        agent: Parameters of the agent.
+        q: Model of the agent at its joint positions.
+        directions: Directions of `agent.tree.moment_arms`, base frame.
+
+    Returns:
+        The Jacobian; its transpose maps moments on the payload to the opposite of their effect on `(mu, nu)`.
+    """
+    bodies = np.array(agent.tree.tip_bodies)[list(agent.tree.moment_arms)]
+    return (directions[:, :, None] * q.J_angular[bodies]).sum(1)
+
+
+def rotation_error(
+    agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics, state: AgentState, payload: PayloadState
+) -> Float[Array, "moments"]:
+    """Compute the rotation of the tip bodies relative to rigid grips, along the directions of the moments.
+
+    `axis . vee(skew(R_L^T R R_tip R_grip^T))`, of first order in the rotation. The constraint of a soft-finger contact
+    acts on velocities alone (it is nonholonomic), so its error is zero.
+
+    Args:
+        agent: Parameters of the agent, with contacts that bear moments.
+        g: Forward kinematics of the agent.
+        state: State of the agent.
+        payload: State of the payload.
+
+    Returns:
+        Rotations [rad].
+    """
+    tree = agent.tree
+    if agent.grip_rotation is None:
+        return jnp.zeros(len(tree.moment_arms))
+    tip = matmul(matmul(payload.R.T, state.R)[None], g.rotation[np.array(tree.tip_bodies)])
+    turned = matmul(tip, transpose(agent.grip_rotation))
+    error = so3.vee((turned - transpose(turned)) / 2)
+    assert agent.moment_axis is not None  # for the type checker
+    along = (agent.moment_axis * error[np.array(tree.moment_arms)]).sum(1)
+    return along * np.array([tree.contact_types[b] == RIGID for b in tree.moment_arms], dtype=float)
+
+
+def rotation_error_rate(
+    agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics, state: AgentState, payload: PayloadState
+) -> Float[Array, "moments"]:
+    """Compute the angular velocity of the tip bodies relative to the payload, along the directions of the moments.
+
+    `axis . (R_L^T R omega_tip - omega_L)`.
+
+    Args:
+        agent: Parameters of the agent, with contacts that bear moments.
+        g: Forward kinematics of the agent.
+        state: State of the agent.
+        payload: State of the payload.
+
+    Returns:
+        Angular velocities [rad/s].
+    """
+    assert agent.moment_axis is not None  # for the type checker
+    w, _ = aerial_manipulator.angular_motion_of_tips(agent, g, state.omega, state.r_dot)
+    relative = matvec(matmul(payload.R.T, state.R)[None], w) - payload.omega[None]
+    return (agent.moment_axis * relative[np.array(agent.tree.moment_arms)]).sum(1)
+
+
+def rotation_acceleration_bias(
+    agent: AerialManipulator, g: aerial_manipulator.ForwardKinematics, state: AgentState, payload: PayloadState
+) -> Float[Array, "moments"]:
+    """Compute the rate of `rotation_error_rate` at zero accelerations of agent and payload.
+
+    `axis . (R_L^T R alpha_tip - omega_L x R_L^T R omega_tip)`.
+
+    Args:
+        agent: Parameters of the agent, with contacts that bear moments.
+        g: Forward kinematics of the agent.
+        state: State of the agent.
+        payload: State of the payload.
+
+    Returns:
+        Angular accelerations [rad/s^2].
+    """
+    assert agent.moment_axis is not None  # for the type checker
+    w, alpha = aerial_manipulator.angular_motion_of_tips(agent, g, state.omega, state.r_dot)
+    to_payload = matmul(payload.R.T, state.R)[None]
+    bias = matvec(to_payload, alpha) - so3.cross(payload.omega[None], matvec(to_payload, w))
+    return (agent.moment_axis * bias[np.array(agent.tree.moment_arms)]).sum(1)
+
+
 ContactFunction = Callable[
     [AerialManipulator, aerial_manipulator.CentroidalModel, AgentState, PayloadState], Float[Array, "arms 3"]
 ]
@@ -259,25 +366,82 @@ def _all_contacts(contact_function: ContactFunction, team: Team, team_state: Sta
     )
 
 
-def delassus_matrix(agent: AerialManipulator, r: Float[Array, "n_r"]) -> Float[Array, "forces forces"]:
+def rotation_residuals(team: Team, team_state: State) -> Float[Array, "2 moments"]:
+    """Compute rotations and angular velocities of the tip bodies relative to the payload where contacts bear moments.
+
+    The values of open contacts are zero.
+
+    Args:
+        team: Team.
+        team_state: State of the team.
+
+    Returns:
+        `rotation_error` [rad] and `rotation_error_rate` [rad/s], by group, agent and direction.
+    """
+
+    def one_agent(agent: AerialManipulator, state: AgentState) -> Float[Array, "2 moments"]:
+        g = aerial_manipulator.forward_kinematics(agent, state.r)
+        both = [f(agent, g, state, team_state.payload) for f in (rotation_error, rotation_error_rate)]
+        if agent.contact_compliance is not None:
+            is_open = agent.contact_compliance[np.array(agent.tree.moment_arms)] > 0
+            both = [jnp.where(is_open, 0.0, x) for x in both]
+        return jnp.stack(both)
+
+    parts = [
+        jnp.swapaxes(vmap_agents(one_agent)(group, state), 0, 1).reshape(2, -1)
+        for group, state in zip(team.agent_groups, team_state.agents, strict=True)
+        if group.moment_axis is not None
+    ]
+    return jnp.concatenate(parts, axis=1) if parts else jnp.zeros((2, 0))
+
+
+def moment_names(team: Team, contacts: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the contacts that bear moments, once for each direction.
+
+    Args:
+        team: Team.
+        contacts: Names of the contacts in team order.
+
+    Returns:
+        The names in the order of `rotation_residuals`.
+    """
+    name, found = iter(contacts), []
+    for size, group in zip(team.sizes, team.agent_groups, strict=True):
+        for _ in range(size):
+            own = [next(name) for _ in range(group.tree.arms)]
+            found += [own[b] for b in group.tree.moment_arms]
+    return tuple(found)
+
+
+def delassus_matrix(
+    agent: AerialManipulator, r: Float[Array, "n_r"], to_base: Float[Array, "3 3"] | None = None
+) -> Float[Array, "rows rows"]:
     """Compute the Delassus matrix of an agent, `S = A M^-1 A^T = 1/m + B M_bar^-1 B^T`.
 
-    S maps contact forces to accelerations of the contacts. The matrix of the team is invertible if and only if S is
+    S maps contact forces to accelerations of the contacts, and their moments to angular accelerations. The matrix of the
+    team is invertible if and only if S is
     invertible for every agent, because each agent has a free base. The smallest eigenvalue of the team's matrix is at
     least the smallest one of the agents.
 
     Args:
         agent: Parameters of the agent.
         r: Joint positions [rad, m].
+        to_base: Rotation from the payload frame to the base frame, for moments; None: the frames are parallel.
 
     Returns:
-        The matrix, base frame [1/kg].
+        The matrix, forces [1/kg] before moments [1/(kg m^2)], base frame.
     """
     q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, r))
     n = agent.tree.arms
     B = q.J_tip.reshape(3 * n, -1)
+    if agent.moment_axis is not None:
+        axes = agent.moment_axis if to_base is None else matvec(to_base[None], agent.moment_axis)
+        B = jnp.concatenate([B, tip_rotation_jacobian(agent, q, axes)])
     _, d, Y = udu_eliminate(q.M_bar, B.T)
-    return matmul((d[:, None] * Y).T, Y) + jnp.tile(jnp.eye(3), (n, n)) / q.mass
+    translation = jnp.tile(jnp.eye(3), (n, n)) / q.mass
+    if (moments := len(agent.tree.moment_arms)) > 0:
+        translation = jnp.pad(translation, (0, moments))
+    return matmul((d[:, None] * Y).T, Y) + translation
 
 
 def min_delassus_singular_value(team: Team, team_state: State) -> Float[Array, "agents"]:
@@ -292,23 +456,36 @@ def min_delassus_singular_value(team: Team, team_state: State) -> Float[Array, "
     """
     return jnp.concatenate(
         [
-            jnp.linalg.eigvalsh(jax.vmap(delassus_matrix)(group, state.r))[:, 0]
+            jnp.linalg.eigvalsh(_delassus_matrices(group, state, team_state.payload))[:, 0]
             for group, state in zip(team.agent_groups, team_state.agents, strict=True)
         ]
     )
 
 
-def describe_redundant_arms(S: np.ndarray) -> str:
+def _delassus_matrices(
+    group: AerialManipulator, state: AgentState, payload: PayloadState
+) -> Float[Array, "agents rows rows"]:
+    """Return the Delassus matrix of each agent of a group."""
+    if group.moment_axis is None:
+        return jax.vmap(delassus_matrix)(group, state.r)
+    return jax.vmap(delassus_matrix)(group, state.r, matmul(transpose(state.R), payload.R[None]))
+
+
+def describe_redundant_arms(S: np.ndarray, moment_arms: Sequence[int] = ()) -> str:
     """Describe the arms with a share in the contact force that accelerates the contacts least.
 
     Args:
         S: Delassus matrix of one agent [1/kg].
+        moment_arms: Arms of the last rows, those of moments.
 
     Returns:
         A clause for messages, such as "the constraints of arms 1 and 2 are redundant".
     """
     _, vectors = np.linalg.eigh(S)
-    share = np.linalg.norm(vectors[:, 0].reshape(-1, 3), axis=1)
+    forces = len(S) - len(moment_arms)
+    share = np.linalg.norm(vectors[:forces, 0].reshape(-1, 3), axis=1)
+    for arm, component in zip(moment_arms, vectors[forces:, 0], strict=True):
+        share[arm] = np.hypot(share[arm], component)
     arms = [str(b + 1) for b in range(len(share)) if share[b] > 0.1]
     if len(arms) == 1:
         return f"arm {arms[0]} is singular"
@@ -328,14 +505,14 @@ def check_grasp(team: Team, state: State, names: Sequence[str] = ()) -> None:
             contains agent, rank, condition number, singular values and redundant arms.
     """
     faults = []
-    for name, agent, r, _ in iter_agents(team, state, names):
-        S = np.asarray(_delassus_matrix(agent, r))
+    for name, agent, r, R in iter_agents(team, state, names):
+        S = np.asarray(_delassus_matrix(agent, r, *_to_base(agent, R, state)))
         values = np.linalg.eigvalsh(S)
         rank = int((values > values[-1] / MAX_CONDITION).sum())
         if rank < len(values):
             faults.append(
                 f"{name}: rank {rank} of {len(values)}, condition {values[-1] / max(values[0], 1e-300):.3g}, singular "
-                f"values {_format_values(values[::-1])} 1/kg, {describe_redundant_arms(S)}"
+                f"values {_format_values(values[::-1])} 1/kg, {describe_redundant_arms(S, agent.tree.moment_arms)}"
                 + _describe_missing_joints(agent.tree.arms, agent.tree.joints)
             )
     if faults:
@@ -465,18 +642,33 @@ def _grasp_jacobian(agent: AerialManipulator, r: Float[Array, "n_r"]) -> Float[A
 
 
 _delassus_matrix = jax.jit(delassus_matrix)
+
+
+def _to_base(agent: AerialManipulator, R: np.ndarray, state: State) -> tuple[np.ndarray, ...]:
+    """Return the rotation from the payload frame to the base frame for contacts that bear moments; () without them."""
+    return () if agent.moment_axis is None else (R.T @ np.asarray(state.payload.R),)
+
+
 _team_grasp_matrix = jax.jit(lambda team, R: grasp_matrix(contact_points(team), R))
 
 
 def _team_delassus_matrix(team: Team, state: State) -> np.ndarray:
     """Compute `A M^-1 A^T` of the team [1/kg]; each contact is expressed in the base frame of its agent."""
+    agents = list(iter_agents(team, state, ()))
     blocks = [
-        (np.asarray(_delassus_matrix(agent, r)), np.asarray(R)) for _, agent, r, R in iter_agents(team, state, ())
+        (np.asarray(_delassus_matrix(agent, r, *_to_base(agent, R, state))), np.asarray(R)) for _, agent, r, R in agents
     ]
-    arms = [len(S) // 3 for S, _ in blocks]
+    arms = [agent.tree.arms for _, agent, _, _ in agents]
     G = np.asarray(_team_grasp_matrix(team, state.payload.R)).reshape(6, -1, 3)
     turn = np.repeat(np.array([R for _, R in blocks]), arms, axis=0)
-    P = np.einsum("gci,cik->gck", G, turn).reshape(6, -1).T
+    forces = np.einsum("gci,cik->gck", G, turn).reshape(6, -1).T
+    rows, start = [], 0
+    for _, agent, _, _ in agents:
+        rows.append(forces[start : start + 3 * agent.tree.arms])
+        start += 3 * agent.tree.arms
+        if agent.moment_axis is not None:
+            rows.append(np.pad(np.asarray(agent.moment_axis), ((0, 0), (3, 0))))
+    P = np.concatenate(rows)
     M_L = _block_diagonal([float(team.payload.mass) * np.eye(3), np.asarray(team.payload.inertia)])
     return _block_diagonal([S for S, _ in blocks]) + P @ np.linalg.solve(M_L, P.T)
 

@@ -25,6 +25,17 @@ Closed contacts have values of about 10 1/kg, so the force of an open contact is
 """
 
 
+POINT, SOFT_FINGER, RIGID = "point", "soft_finger", "rigid"
+"""Types of contacts: forces alone, forces and the moment about the contact normal, forces and all moments.
+
+References:
+    Murray, Li, Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, ch. 5, sec. 2.1 (soft-finger
+    contact); a rigid grip is a soft-finger contact that bears the other two moments as well.
+"""
+MOMENTS = {POINT: 0, SOFT_FINGER: 1, RIGID: 3}
+"""Number of directions in which a contact of each type bears a moment."""
+
+
 @pytree
 class KinematicTree:
     """Kinematic structure of an agent: joint k moves body k + 1, body 0 is the base.
@@ -38,13 +49,15 @@ class KinematicTree:
     """True if joint k translates along its axis; otherwise it rotates about it."""
     tip_bodies: tuple[int, ...] = static()
     """Body that carries the contact point of each arm."""
+    contact_types: tuple[str, ...] = static(default=())
+    """Type of the contact of each arm, a key of `MOMENTS`; () if all contacts are points."""
 
     def __post_init__(self) -> None:
         """Validate the structure.
 
         Raises:
-            ValueError: If the lengths differ, a parent has a larger index than its child, a tip is on no body, or
-                there is no arm.
+            ValueError: If the lengths differ, a parent has a larger index than its child, a tip is on no body, there
+                is no arm, or a type of contact does not exist.
         """
         if len(self.parents) != len(self.prismatic):
             raise ValueError(f"KinematicTree: {len(self.parents)} parents for {len(self.prismatic)} joints (prismatic)")
@@ -58,6 +71,13 @@ class KinematicTree:
                 raise ValueError(
                     f"KinematicTree: tip_bodies[{i}] is {tip}, must be one of bodies 0 to {len(self.parents)}"
                 )
+        if self.contact_types and len(self.contact_types) != len(self.tip_bodies):
+            raise ValueError(
+                f"KinematicTree: {len(self.contact_types)} contact_types for {len(self.tip_bodies)} arms (tip_bodies)"
+            )
+        for i, kind in enumerate(self.contact_types):
+            if kind not in MOMENTS:
+                raise ValueError(f"KinematicTree: contact_types[{i}] is {kind!r}, must be one of {', '.join(MOMENTS)}")
 
     @property
     def joints(self) -> int:
@@ -68,6 +88,16 @@ class KinematicTree:
     def arms(self) -> int:
         """Number of arms, n; each has one contact."""
         return len(self.tip_bodies)
+
+    @property
+    def moment_arms(self) -> tuple[int, ...]:
+        """Arm of each direction in which a contact bears a moment, contact by contact."""
+        return tuple(b for b, kind in enumerate(self.contact_types) for _ in range(MOMENTS[kind]))
+
+    @property
+    def has_rigid_grips_only(self) -> bool:
+        """True if the agent has no joints and is part of one rigid body with the payload."""
+        return not self.parents and set(self.contact_types) == {RIGID}
 
     @property
     def ancestors(self) -> np.ndarray:
@@ -94,6 +124,10 @@ class AerialManipulator:
     contact_position: Float[Array, "*agents arms 3"]  # m, attachment c_L in the payload frame
     thrust_max: Float[Array, "*agents"]  # N, maximum thrust
     contact_compliance: Float[Array, "*agents arms"] | None = None  # 1/kg, added to `A M^-1 A^T`; None: closed contacts
+    moment_axis: Float[Array, "*agents moments 3"] | None = None  # unit vectors, payload frame, directions of
+    # `tree.moment_arms`; None if all contacts are points
+    grip_rotation: Float[Array, "*agents arms 3 3"] | None = None  # frame of the tip body to payload frame, of rigid
+    # grips; None without one
 
     @property
     def closed_contacts(self) -> Float[Array, "*agents arms"] | None:
@@ -134,6 +168,11 @@ class Team:
                 for group, part in zip(self.agent_groups, closed, strict=True)
             ]
         )
+
+    @property
+    def is_rigid_assembly(self) -> bool:
+        """True if agents and payload are one rigid body: no agent has joints, and all grips are rigid."""
+        return all(group.tree.has_rigid_grips_only for group in self.agent_groups)
 
     @property
     def contacts(self) -> int:

@@ -1,7 +1,7 @@
 """Rigid-contact dynamics: accelerations, contact forces and a time step on the constraint manifold.
 
 Each agent is coupled to the others only through the payload, so it is eliminated separately. With the contact Jacobian
-A and the mass matrix M, `S = A M^-1 A^T` has size 3n x 3n for n arms. One 6 x 6 system for the payload acceleration
+A and the mass matrix M, `S = A M^-1 A^T` has size 3n x 3n for n arms with point contacts. One 6 x 6 system for the payload acceleration
 remains, and back-substitution yields every contact force. The cost is O(N) for N agents.
 """
 
@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from colift.math import so3
 from colift.math.linalg import backward, forward, matmul, matvec, solve, udu_eliminate
-from colift.math.pytree import pytree
+from colift.math.pytree import pytree, static
 from colift.math.vmap import vmap_agents
 from colift.models import aerial_manipulator, grasp
 from colift.models.parameters import AerialManipulator, Payload, Team, agent_names
@@ -47,26 +47,29 @@ class AgentAcceleration:
 
 @pytree
 class Acceleration:
-    """Accelerations of all agents and of the payload."""
+    """Accelerations of all agents and of the payload, and the moments at the contacts."""
 
     agents: tuple[AgentAcceleration, ...]  # one entry per group
     payload: Float[Array, "6"]  # m/s^2 and rad/s^2, (v_dot in the world, omega_dot in the payload frame)
+    contact_moments: tuple[Float[Array, "_agents _arms 3"], ...] | None = None  # N m, on the payload, payload frame, by
+    # group; None if all contacts are points
 
 
 @pytree
 class AgentKKT:
     """Blocks of one agent in the saddle-point system of `solve_kkt`, in its base frame.
 
-    The system has k right-hand sides.
+    The system has k right-hand sides. The rows are the contact forces, then the moments at the contacts.
     """
 
     mass: Float[Array, "*agents"]  # kg
     M_bar: Float[Array, "*agents xi xi"]  # reduced mass matrix of `xi = (omega, r_dot)`
-    B: Float[Array, "*agents forces xi"]  # A = [I ..., B]: contact Jacobian of the agent
-    P: Float[Array, "*agents forces 6"]  # contact Jacobian of the payload
+    B: Float[Array, "*agents rows xi"]  # A = [X, B]: contact Jacobian of the agent, X = I for forces, 0 for moments
+    P: Float[Array, "*agents rows 6"]  # contact Jacobian of the payload
     Q: Float[Array, "*agents motion k"]  # generalized forces on (x, xi)
-    contact_bias: Float[Array, "*agents forces k"]  # gap of the contact equation
-    compliance: Float[Array, "*agents forces"] | None = None  # 1/kg, added to the diagonal of `A M^-1 A^T`
+    contact_bias: Float[Array, "*agents rows k"]  # gap of the contact equation
+    compliance: Float[Array, "*agents rows"] | None = None  # 1/kg, added to the diagonal of `A M^-1 A^T`
+    arms: int = static(default=0)  # contacts, each with three rows of forces
 
 
 @pytree
@@ -76,9 +79,9 @@ class AgentSchurFactors:
     U_M: Float[Array, "*agents xi xi"]  # unit upper triangular
     d_M: Float[Array, "*agents xi"]  # inverse pivots
     W: Float[Array, "*agents xi right"]  # U_M^-T [B^T, Q]
-    U_S: Float[Array, "*agents forces forces"]  # unit upper triangular
-    d_S: Float[Array, "*agents forces"]  # inverse pivots
-    Z: Float[Array, "*agents forces right_S"]  # U_S^-T [P, A M^-1 Q + gap]
+    U_S: Float[Array, "*agents rows rows"]  # unit upper triangular
+    d_S: Float[Array, "*agents rows"]  # inverse pivots
+    Z: Float[Array, "*agents rows right_S"]  # U_S^-T [P, A M^-1 Q + gap]
 
 
 def _couple(
@@ -87,44 +90,49 @@ def _couple(
     R: Float[Array, "3 3"],
     R_L: Float[Array, "3 3"],
     Q: Float[Array, "motion k"],
-    gap: Float[Array, "forces k"],
+    gap: Float[Array, "rows k"],
 ) -> AgentKKT:
-    """Assemble the blocks of one agent with `P = R^T [I, -R_L hat(c)]`."""
-    n = agent.tree.arms
+    """Assemble the blocks of one agent with `P = R^T [I, -R_L hat(c)]` for forces and `[0, axis^T]` for moments."""
+    n, B = agent.tree.arms, q.J_tip.reshape(3 * agent.tree.arms, -1)
     turn = -matmul(matmul(R.T, R_L)[None], so3.hat(agent.contact_position))
     P = jnp.concatenate([jnp.broadcast_to(R.T, (n, 3, 3)), turn], axis=2)
+    P = P.reshape(3 * n, 6)
     compliance = None if agent.contact_compliance is None else jnp.repeat(agent.contact_compliance, 3)
+    if agent.moment_axis is not None:
+        directions = grasp.moment_directions(agent, R, R_L)
+        B = jnp.concatenate([B, grasp.tip_rotation_jacobian(agent, q, directions)])
+        P = jnp.concatenate([P, jnp.pad(agent.moment_axis, ((0, 0), (3, 0)))])
+        if agent.contact_compliance is not None and compliance is not None:
+            moments = agent.contact_compliance[np.array(agent.tree.moment_arms)]
+            compliance = jnp.concatenate([compliance, moments])
     return AgentKKT(
-        mass=q.mass,
-        M_bar=q.M_bar,
-        B=q.J_tip.reshape(3 * n, -1),
-        P=P.reshape(3 * n, 6),
-        Q=Q,
-        contact_bias=gap,
-        compliance=compliance,
+        mass=q.mass, M_bar=q.M_bar, B=B, P=P, Q=Q, contact_bias=gap, compliance=compliance, arms=agent.tree.arms
     )
 
 
 def _eliminate(s: AgentKKT) -> tuple[AgentSchurFactors, Float[Array, "6 right"]]:
     """Factorize one agent; its contribution to the payload system is `P^T S^-1 [P, A M^-1 Q + gap]`."""
-    forces = s.B.shape[0]
+    rows, moments = s.B.shape[0], s.B.shape[0] - 3 * s.arms
     U_M, d_M, W = udu_eliminate(s.M_bar, jnp.concatenate([s.B.T, s.Q[3:]], axis=1))
-    along = jnp.concatenate([jnp.tile(jnp.eye(3), forces // 3), s.Q[:3]], axis=1) / s.mass
-    T = matmul((d_M[:, None] * W[:, :forces]).T, W) + jnp.tile(along, (forces // 3, 1))
-    S = T[:, :forces] if s.compliance is None else T[:, :forces] + jnp.diag(s.compliance)
-    U_S, d_S, Z = udu_eliminate(S, jnp.concatenate([s.P, T[:, forces:] + s.contact_bias], axis=1))
+    X = [jnp.tile(jnp.eye(3), s.arms), *([jnp.zeros((3, moments))] if moments else []), s.Q[:3]]
+    along = jnp.tile(jnp.concatenate(X, axis=1) / s.mass, (s.arms, 1))
+    if moments:
+        along = jnp.pad(along, ((0, moments), (0, 0)))
+    T = matmul((d_M[:, None] * W[:, :rows]).T, W) + along
+    S = T[:, :rows] if s.compliance is None else T[:, :rows] + jnp.diag(s.compliance)
+    U_S, d_S, Z = udu_eliminate(S, jnp.concatenate([s.P, T[:, rows:] + s.contact_bias], axis=1))
     share = matmul((d_S[:, None] * Z[:, :6]).T, Z)
     return AgentSchurFactors(U_M=U_M, d_M=d_M, W=W, U_S=U_S, d_S=d_S, Z=Z), share
 
 
 def _follow(
     s: AgentKKT, e: AgentSchurFactors, a_L: Float[Array, "6 k"]
-) -> tuple[Float[Array, "motion k"], Float[Array, "forces k"]]:
+) -> tuple[Float[Array, "motion k"], Float[Array, "rows k"]]:
     """Compute motion and multipliers of one agent from those of the payload by back-substitution."""
-    forces = s.B.shape[0]
+    rows = s.B.shape[0]
     lam = backward(e.U_S, e.d_S[:, None] * (e.Z[:, 6:] - matmul(e.Z[:, :6], a_L)))
-    xi = backward(e.U_M, e.d_M[:, None] * (e.W[:, forces:] - matmul(e.W[:, :forces], lam)))
-    x = (s.Q[:3] - lam.reshape(forces // 3, 3, -1).sum(0)) / s.mass
+    xi = backward(e.U_M, e.d_M[:, None] * (e.W[:, rows:] - matmul(e.W[:, :rows], lam)))
+    x = (s.Q[:3] - lam[: 3 * s.arms].reshape(s.arms, 3, -1).sum(0)) / s.mass
     return jnp.concatenate([x, xi]), lam
 
 
@@ -176,8 +184,10 @@ def _forced(
     force = matvec(state.R.T, q.mass * gravity + f.f_x) + inputs.u * aerial_manipulator.E3
     Q = jnp.concatenate([inputs.tau + f.f_w, inputs.tau_r + f.f_r]) + inputs.u * q.J_base[2] - h
     centripetal = so3.cross(payload.omega[None], so3.cross(payload.omega[None], agent.contact_position))
-    gap = kappa - matvec(matmul(state.R.T, payload.R)[None], centripetal)
-    return _couple(agent, q, state.R, payload.R, jnp.concatenate([force, Q])[:, None], gap.reshape(-1, 1))
+    gap = (kappa - matvec(matmul(state.R.T, payload.R)[None], centripetal)).reshape(-1, 1)
+    if agent.moment_axis is not None:
+        gap = jnp.concatenate([gap, grasp.rotation_acceleration_bias(agent, g, state, payload)[:, None]])
+    return _couple(agent, q, state.R, payload.R, jnp.concatenate([force, Q])[:, None], gap)
 
 
 def forward_dynamics(
@@ -210,11 +220,27 @@ def forward_dynamics(
         AgentAcceleration(v_dot=matvec(state.R, motion_j[:, :3, 0]), xi_dot=motion_j[:, 3:, 0])
         for state, motion_j in zip(team_state.agents, motion, strict=True)
     )
-    lam = tuple(
-        matvec(state.R[:, None], contact_lam.reshape(*group.contact_position.shape))
-        for group, state, contact_lam in zip(team.agent_groups, team_state.agents, lam, strict=True)
+    forces = tuple(
+        matvec(state.R[:, None], _force_rows(group, rows).reshape(*group.contact_position.shape))
+        for group, state, rows in zip(team.agent_groups, team_state.agents, lam, strict=True)
     )
-    return Acceleration(agents=a, payload=a_L[:, 0]), lam
+    moments = tuple(_contact_moments(group, rows) for group, rows in zip(team.agent_groups, lam, strict=True))
+    bears_moments = any(group.moment_axis is not None for group in team.agent_groups)
+    return Acceleration(agents=a, payload=a_L[:, 0], contact_moments=moments if bears_moments else None), forces
+
+
+def _force_rows(group: AerialManipulator, lam: Float[Array, "agents rows 1"]) -> Float[Array, "agents forces 1"]:
+    """Return the rows of the contact forces."""
+    return lam if group.moment_axis is None else lam[:, : 3 * group.tree.arms]
+
+
+def _contact_moments(group: AerialManipulator, lam: Float[Array, "agents rows 1"]) -> Float[Array, "agents arms 3"]:
+    """Return the moments of the contacts on the payload [N m, payload frame]."""
+    if group.moment_axis is None:
+        return jnp.zeros_like(group.contact_position)
+    components = lam[:, 3 * group.tree.arms :] * group.moment_axis
+    of_arm = (np.arange(group.tree.arms)[:, None] == np.array(group.tree.moment_arms)).astype(float)
+    return (of_arm[None, :, :, None] * components[:, None]).sum(2)
 
 
 @pytree
@@ -347,16 +373,24 @@ def project_to_constraints(team: Team, team_state: State) -> State:
     def eliminate_pose(
         agent: AerialManipulator, state: AgentState
     ) -> tuple[AgentKKT, AgentSchurFactors, Float[Array, "6 right"]]:
-        q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, state.r))
+        g = aerial_manipulator.forward_kinematics(agent, state.r)
+        q = aerial_manipulator.centroidal_model(agent, g)
         contact_gap = grasp.contact_error(agent, q, state, team_state.payload).reshape(-1, 1)
+        if agent.moment_axis is not None:
+            turned = grasp.rotation_error(agent, g, state, team_state.payload)
+            contact_gap = jnp.concatenate([contact_gap, turned[:, None]])
         s = _couple(agent, q, state.R, team_state.payload.R, jnp.zeros((3 + q.M_bar.shape[0], 1)), contact_gap)
         return s, *_eliminate(s)
 
     def eliminate_velocity(
         agent: AerialManipulator, state: AgentState, payload: PayloadState, e: AgentSchurFactors
     ) -> tuple[AgentSchurFactors, Float[Array, "6 1"]]:
-        q = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, state.r))
-        Z = forward(e.U_S, grasp.contact_error_rate(agent, q, state, payload).reshape(-1, 1))
+        g = aerial_manipulator.forward_kinematics(agent, state.r)
+        q = aerial_manipulator.centroidal_model(agent, g)
+        rate = grasp.contact_error_rate(agent, q, state, payload).reshape(-1, 1)
+        if agent.moment_axis is not None:
+            rate = jnp.concatenate([rate, grasp.rotation_error_rate(agent, g, state, payload)[:, None]])
+        Z = forward(e.U_S, rate)
         P = e.Z[:, :6]
         return dataclasses.replace(e, Z=jnp.concatenate([P, Z], axis=1)), matmul((e.d_S[:, None] * P).T, Z)
 
@@ -452,9 +486,11 @@ def consistent_initial_state(
     residual, best = map(np.asarray, residuals)
     if residual.max() <= CONSISTENCY_TOLERANCE:
         return z
+    labels = contacts or grasp.contact_names(team, names)
+    units = ("m",) * len(labels) + ("rad",) * (best.shape[1] - len(labels))
     remaining = ", ".join(
-        f"{label}: {gap:.3g} m, {rate:.3g} m/s"
-        for label, gap, rate in zip(contacts or grasp.contact_names(team, names), *best, strict=True)
+        f"{label}: {gap:.3g} {unit}, {rate:.3g} {unit}/s"
+        for label, unit, gap, rate in zip((*labels, *grasp.moment_names(team, labels)), units, *best, strict=True)
         if not max(gap, rate) <= CONSISTENCY_TOLERANCE  # NaN counts as a residual
     )
     outcome = "does not converge" if np.isfinite(residual).all() else "reaches a singular grasp"
@@ -495,10 +531,12 @@ def _scaled_masses(team: Team) -> Team:
     return dataclasses.replace(team, agent_groups=groups, payload=payload)
 
 
-def _contact_residuals(team: Team, state: State) -> Float[Array, "2 contacts"]:
-    """Return the distance [m] and the relative speed [m/s] of every contact."""
+def _contact_residuals(team: Team, state: State) -> Float[Array, "2 rows"]:
+    """Return distance [m] and relative speed [m/s] of every contact, then rotations [rad] and their rates [rad/s]."""
     parts = grasp.constraint_residual(team, state), grasp.constraint_rate(team, state)
-    return jnp.stack([jnp.sqrt((part * part).sum(1)) for part in parts])
+    distances = jnp.stack([jnp.sqrt((part * part).sum(1)) for part in parts])
+    rotations = grasp.rotation_residuals(team, state)
+    return jnp.concatenate([distances, jnp.abs(rotations)], axis=1) if rotations.size else distances
 
 
 def _attitudes(state: State, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str]]:
