@@ -411,7 +411,9 @@ def _termination_reason(experiment: Experiment[World], rows: StepRecord, loop: L
     if cause >= termination.TerminationCause.SLIP:
         assert limits.contacts is not None
         forces = np.asarray(rows.lam[-1] @ rows.R_L[-1])
-        return termination.format_contact_cause(cause, limits.contacts, forces, float(t), experiment.contact_names)
+        moments = None if rows.contact_moment is None else np.asarray(rows.contact_moment[-1])
+        names = experiment.contact_names
+        return termination.format_contact_cause(cause, limits.contacts, forces, float(t), names, moments)
     saturated = jnp.concatenate(loop.saturated_ticks).astype(float) * experiment.dt
     values = monitored_values(jax.tree.map(lambda x: jnp.asarray(x[-1]), rows), jnp.asarray(True), saturated)
     return termination.format_cause(cause, limits, jax.tree.map(np.asarray, values), float(t), experiment.agent_names)

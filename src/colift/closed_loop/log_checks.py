@@ -35,7 +35,9 @@ LIMITED += ("effectiveness",)
 """Prefixes of the variables that only allocators with limits log."""
 ESTIMATED = ("lam_std", "delta_W_hat", "delta_W_std")
 """Prefixes of the variables of contact forces that are estimated without tip force sensors."""
-GROUPS = (CORRECTION, CORRECTOR, LIMITED, ESTIMATED)
+MOMENTS = ("contact_moment",)
+"""Prefixes of the variables of contacts that bear moments."""
+GROUPS = (CORRECTION, CORRECTOR, LIMITED, ESTIMATED, MOMENTS)
 """Groups of variables that only some controllers log."""
 COMPUTED = ("p_base",)
 """Variables that logs of older schemas lack."""

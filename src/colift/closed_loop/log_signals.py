@@ -140,6 +140,7 @@ SIGNALS = {
         ("contact",), "1", "none", "1 if the allocated force is at the friction cone, otherwise 0"
     ),
     "force_limited": SignalSpec(("contact",), "1", "none", "1 if the allocated force is at a limit, otherwise 0"),
+    "contact_moment": SignalSpec(CONTACT, "N m", "payload", "moment of a contact on the payload"),
     "effectiveness": SignalSpec(AGENT, "1", "none", "rotor effectiveness of an agent that the controller compensates"),
 }
 """Variables on the axis `time`: the signals of `StepRecord`, quaternions and base positions.

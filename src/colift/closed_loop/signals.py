@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from colift.math import so3
 from colift.math.pytree import pytree
-from colift.models import grasp, inverse_dynamics
+from colift.models import aerial_manipulator, grasp, inverse_dynamics
 from colift.models.parameters import AerialManipulator, Team
 from colift.models.state import AgentInput, AgentState, GeneralizedForce, ResidualForces, State, TeamInputs, Wrench
 from colift.onboard import interfaces
@@ -104,6 +104,8 @@ class StepRecord:
     friction_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at the friction cone
     force_limited: Bool[Array, "*time contacts"] | None = None  # True if the force is at its limit
     effectiveness: Float[Array, "*time agents"] | None = None  # rotor effectiveness that the controller compensates
+    # Only for contacts that bear moments
+    contact_moment: Float[Array, "*time contacts 3"] | None = None  # N m, on the payload, payload frame
 
 
 def true_residual(
@@ -133,7 +135,36 @@ def true_residual(
             nominal.agent_groups, team_state.agents, a.agents, lam, inputs, strict=True
         )
     )
-    return ResidualForces(agents=agents, payload=Wrench(F=required.F - W.F, tau=required.tau - W.tau))
+    tau = required.tau - W.tau
+    if a.contact_moments is not None:
+        tau = tau - grasp.stack_contacts(a.contact_moments).sum(0)
+        agents = tuple(
+            _with_contact_moments(group, state, f, m, q.R)
+            for group, state, f, m in zip(
+                nominal.agent_groups, team_state.agents, agents, a.contact_moments, strict=True
+            )
+        )
+    return ResidualForces(agents=agents, payload=Wrench(F=required.F - W.F, tau=tau))
+
+
+def _with_contact_moments(
+    group: AerialManipulator,
+    states: AgentState,
+    f: GeneralizedForce,
+    moments: Float[Array, "agents arms 3"],
+    R_L: Float[Array, "3 3"],
+) -> GeneralizedForce:
+    """Add the effect of contact moments on the payload [N m, payload frame] to the forces that a group must apply."""
+
+    def one_agent(
+        agent: AerialManipulator, q: AgentState, m: Float[Array, "arms 3"]
+    ) -> tuple[Float[Array, "3"], Float[Array, "n_r"]]:
+        p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
+        load = inverse_dynamics.contact_moment_load(agent, p, m @ (R_L.T @ q.R))
+        return load[:3], load[3:]
+
+    w, r = jax.vmap(one_agent)(group, states, moments)
+    return GeneralizedForce(f_x=f.f_x, f_w=f.f_w + w, f_r=f.f_r + r)
 
 
 def _agent_residual(
@@ -221,6 +252,7 @@ def make_record(
         **({} if (correction := telemetry.correction) is None else _correction_signals(correction)),
         **({} if (allocation := telemetry.allocation) is None else _allocation_signals(allocation)),
         effectiveness=telemetry.effectiveness,
+        contact_moment=None if a.contact_moments is None else grasp.stack_contacts(a.contact_moments),
     )
 
 
@@ -297,7 +329,7 @@ DERIVED_SIGNALS = ("a_L", "lam", "delta_W", "f_L", "f_x", "f_w", "f_r")
 
 
 def delassus_matrix(team: Team, r: np.ndarray, agent: int) -> np.ndarray:
-    """Return the Delassus matrix `A M^-1 A^T` of one agent.
+    """Return the rows of the contact forces in the Delassus matrix `A M^-1 A^T` of one agent.
 
     Args:
         team: Parameters of the team.
@@ -314,6 +346,7 @@ def delassus_matrix(team: Team, r: np.ndarray, agent: int) -> np.ndarray:
         joints = group.tree.joints
         if agent < size:
             joint_positions = jnp.asarray(r[agent * joints : (agent + 1) * joints])
-            return np.asarray(grasp.delassus_matrix(jax.tree.map(lambda x, j=agent: x[j], group), joint_positions))
+            S = grasp.delassus_matrix(jax.tree.map(lambda x, j=agent: x[j], group), joint_positions)
+            return np.asarray(S)[: 3 * group.tree.arms, : 3 * group.tree.arms]
         agent, r = agent - size, r[size * joints :]
     raise IndexError(f"agent {agent}: index exceeds the number of agents")

@@ -152,6 +152,7 @@ def monitored_values(
         tilt=jnp.arccos(jnp.clip(row.R[:, 2, 2], -1.0, 1.0)),
         saturated=saturated,
         contact_forces=row.lam @ row.R_L,
+        contact_moments=row.contact_moment,
     )
 
 

@@ -31,6 +31,7 @@ class ContactLimits:
     friction: Scalar  # largest tangential over normal force; inf: no limit
     min_force: Scalar  # N, smallest normal force; -inf: no limit
     max_force: Scalar  # N, largest norm; inf: no limit
+    torsional_friction: Scalar | None = None  # m, largest moment about the normal over the normal force; None: no limit
 
 
 @pytree
@@ -60,6 +61,7 @@ class TerminationCause(enum.IntEnum):
     SLIP = 8
     CONTACT_OPENS = 9
     CONTACT_FORCE = 10
+    TORSIONAL_SLIP = 11
 
 
 @pytree
@@ -74,6 +76,7 @@ class MonitoredValues:
     tilt: Float[Array, "agents"]  # rad
     saturated: Float[Array, "agents"]  # s, time at the thrust limit until now without interruption
     contact_forces: Float[Array, "contacts 3"] | None = None  # N, on the payload, payload frame; None without limits
+    contact_moments: Float[Array, "contacts 3"] | None = None  # N m, likewise; None if all contacts are points
 
 
 def check_termination(limits: TerminationLimits, values: MonitoredValues) -> Int[Array, ""]:
@@ -98,56 +101,74 @@ def check_termination(limits: TerminationLimits, values: MonitoredValues) -> Int
         (values.saturated > limits.max_saturation_time).any(),
     ]
     if limits.contacts is not None and values.contact_forces is not None:
-        excesses = contact_excess(limits.contacts, values.contact_forces)
+        excesses = contact_excess(limits.contacts, values.contact_forces, values.contact_moments)
         causes += [(excess > FORCE_TOLERANCE).any() for excess in excesses]
     exceeded = jnp.stack(causes)
     return jnp.where(exceeded.any(), 1 + jnp.argmax(exceeded), 0)
 
 
-def contact_excess(limits: ContactLimits, forces: Float[Array, "contacts 3"]) -> list[Float[Array, "contacts"]]:
+def contact_excess(
+    limits: ContactLimits, forces: Float[Array, "contacts 3"], moments: Float[Array, "contacts 3"] | None = None
+) -> list[Float[Array, "contacts"]]:
     """Compute by how much each contact force exceeds its limits.
 
-    With the normal force ``n . lam`` and the tangential force ``lam_t``, the excesses are::
+    With the normal force ``n . lam``, the tangential force ``lam_t`` and the moment m, the excesses are::
 
-        |lam_t| - friction n . lam,    min_force - n . lam,    |lam| - max_force
+        |lam_t| - friction n . lam,    min_force - n . lam,    |lam| - max_force,
+        |n . m| - torsional_friction n . lam
 
-    A contact that presses too little opens instead of slipping, so its first excess is zero.
+    A contact that presses too little opens instead of slipping, so its first excess is zero. The moment about the
+    normal has its own limit (Murray, Li, Sastry 1994, ch. 5, eq. 5.4).
 
     Args:
         limits: Limits of the contact forces.
         forces: Contact forces on the payload [N, payload frame].
+        moments: Contact moments on the payload [N m, payload frame]; None if all contacts are points.
 
     Returns:
-        Excess of friction, of the smallest normal force and of the largest force [N].
+        Excess of friction, of the smallest normal force and of the largest force [N], and of torsional friction [N m]
+        where it is limited.
     """
     normal = (limits.normal * forces).sum(-1)
     tangential = forces - normal[:, None] * limits.normal
     tangential, size = (jnp.sqrt((x * x).sum(-1)) for x in (tangential, forces))
     opens = limits.min_force - normal
     slips = jnp.where((opens > 0) | jnp.isinf(limits.friction), 0.0, tangential - limits.friction * normal)
-    return [slips, opens, size - limits.max_force]
+    excesses = [slips, opens, size - limits.max_force]
+    if moments is not None and limits.torsional_friction is not None:
+        excesses.append(jnp.abs((limits.normal * moments).sum(-1)) - limits.torsional_friction * normal)
+    return excesses
 
 
 def format_contact_cause(
-    cause: TerminationCause, limits: ContactLimits, forces: np.ndarray, t: float, names: Sequence[str]
+    cause: TerminationCause,
+    limits: ContactLimits,
+    forces: np.ndarray,
+    t: float,
+    names: Sequence[str],
+    moments: np.ndarray | None = None,
 ) -> str:
     """Describe a violated limit of a contact force.
 
     Args:
-        cause: `SLIP`, `CONTACT_OPENS` or `CONTACT_FORCE`.
+        cause: `SLIP`, `CONTACT_OPENS`, `CONTACT_FORCE` or `TORSIONAL_SLIP`.
         limits: Limits of the contact forces.
         forces: Contact forces of the tick at which the flight ended [N, payload frame].
         t: Time of this tick [s].
         names: Contact names in team order.
+        moments: Contact moments of this tick [N m, payload frame]; None if all contacts are points.
 
     Returns:
         A sentence with the contact, the forces, the time and the limit.
     """
-    excess = contact_excess(limits, jnp.asarray(forces))[cause - TerminationCause.SLIP]
+    excess = contact_excess(limits, jnp.asarray(forces), None if moments is None else jnp.asarray(moments))[
+        cause - TerminationCause.SLIP
+    ]
     worst = int(np.argmax(excess))
     size = float(np.linalg.norm(forces[worst]))
     normal = float(np.asarray(limits.normal)[worst] @ forces[worst])
     tangential = max(size**2 - normal**2, 0.0) ** 0.5
+    moment = 0.0 if moments is None else float(np.asarray(limits.normal)[worst] @ moments[worst])
     description, setting, limit = {
         TerminationCause.SLIP: (
             f"slips: tangential force {tangential:.3g} N, normal force {normal:.3g} N",
@@ -156,6 +177,11 @@ def format_contact_cause(
         ),
         TerminationCause.CONTACT_OPENS: (f"opens: normal force {normal:.3g} N", "min_force_N", limits.min_force),
         TerminationCause.CONTACT_FORCE: (f"bears {size:.3g} N", "max_force_N", limits.max_force),
+        TerminationCause.TORSIONAL_SLIP: (
+            f"slips about its normal: moment {moment:.3g} N m, normal force {normal:.3g} N",
+            "torsional_friction_m",
+            limits.torsional_friction or 0.0,
+        ),
     }[cause]
     return f"contact {names[worst]} {description} at t = {t:.3f} s, beyond physics.contact.{setting} = {float(limit):g}"
 

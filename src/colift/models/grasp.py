@@ -537,7 +537,7 @@ def check_controllability(team: Team, state: State, names: Sequence[str] = ()) -
 
     The grasp matrix must have rank 6, which requires three contacts that are not collinear. An agent with n arms must
     have `n_r >= 3 n - 3` joints and a grasp Jacobian `[I, d rho / d r]` of rank 3 n with a condition number below
-    `MAX_JACOBIAN_CONDITION`. Then the motion of the payload and the attitude of the agent determine its position and
+    `MAX_JACOBIAN_CONDITION`. A team that is one rigid body needs no rank of forces alone. Then the motion of the payload and the attitude of the agent determine its position and
     joints.
 
     Args:
@@ -550,7 +550,7 @@ def check_controllability(team: Team, state: State, names: Sequence[str] = ()) -
     """
     G = grasp_matrix_singular_values(team)
     rank = int((G[0] < 1e6 * G).sum())
-    if rank < 6:
+    if rank < 6 and not team.is_rigid_assembly:
         raise ValueError(
             f"the grasp matrix of {', '.join(contact_names(team, names))} has rank {rank} of 6, condition "
             f"{G[0] / max(G[-1], 1e-300):.3g}, singular values {_format_values(G)}: "

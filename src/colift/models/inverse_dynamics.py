@@ -5,6 +5,7 @@ Labels, commands and the residuals of a log are differences between these forces
 
 from __future__ import annotations
 
+import numpy as np
 from jaxtyping import Array, Float
 
 from colift.math import so3
@@ -62,6 +63,24 @@ def agent_inverse_dynamics(
     p = aerial_manipulator.centroidal_model(agent, g)
     h, _ = aerial_manipulator.bias_forces(agent, g, p, q.omega, q.r_dot)
     return agent_inverse_dynamics_reduced(p, h, q, specific_force, xi_dot, lam)
+
+
+def contact_moment_load(
+    agent: AerialManipulator, p: aerial_manipulator.CentroidalModel, moments: Float[Array, "arms 3"]
+) -> Float[Array, "xi"]:
+    """Compute the generalized force on `(mu, nu)` that balances contact moments on the payload, `sum W_b^T m_b`.
+
+    `W_b` is the angular velocity of tip body b per xi.
+
+    Args:
+        agent: Parameters of the agent.
+        p: Model of the agent at its joint positions.
+        moments: Contact moments on the payload, base frame [N m].
+
+    Returns:
+        The generalized force [N m, N].
+    """
+    return (p.J_angular[np.array(agent.tree.tip_bodies)] * moments[:, :, None]).sum((0, 1))
 
 
 def agent_inverse_dynamics_reduced(

@@ -198,6 +198,7 @@ class ContactForceCommand:
         eta: Internal-force input, coordinates in the null space of the grasp matrix [N]; for the log.
         acceleration: Payload acceleration that these forces achieve. None if it is the commanded one.
         report: Limits that act. None for an allocator without limits.
+        moments: Moments of the contacts on the payload [N m, payload frame]. None if no moments are commanded.
     """
 
     lam: Float[Array, "contacts 3"]
@@ -205,6 +206,7 @@ class ContactForceCommand:
     eta: Float[Array, " eta"]
     acceleration: tracking.AccelerationCommand | None = None
     report: AllocationReport | None = None
+    moments: Float[Array, "contacts 3"] | None = None
 
 
 @pytree

@@ -26,6 +26,7 @@ from colift.onboard.control import (
     label_feedback,
     payload_controllers,
     preview,
+    rigid_assembly,
     tracking,
 )
 from colift.onboard.control.allocation import (
@@ -67,6 +68,8 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
         Gains.
     """
     given = settings.control
+    if nominal.is_rigid_assembly:
+        return _assembly_gains(settings)
     stated = np.broadcast_to(given.k_R, 3), np.broadcast_to(given.k_omega, 3)
     team = agents_in_hover(settings, nominal)
     limited = bound_tips.default_yaw_gains(bound_tips.yaw_zero(team), float(stated[0][2]), float(stated[1][2]))
@@ -90,6 +93,21 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
     if not settings.sensors.payload_imu:
         jerk_feedback = jnp.zeros(())
     return dataclasses.replace(result, jerk_feedback=jerk_feedback)
+
+
+def _assembly_gains(settings: schema.Scenario) -> tracking.Gains:
+    """Return the gains of a rigid assembly, which no agent limits: all of them tilt with the payload."""
+    given = settings.control
+    return tracking.Gains(
+        K_p=array(np.diag(given.K_p)),
+        K_v=array(np.diag(given.K_v)),
+        k_R=array(np.broadcast_to(given.k_R, 3)),
+        k_omega=array(np.broadcast_to(given.k_omega, 3)),
+        jerk_feedback=array(float(settings.sensors.payload_imu)),
+        agent_k_R=array(given.agent_k_R),
+        agent_k_omega=array(given.agent_k_omega),
+        posture_bandwidth=array(given.posture_bandwidth),
+    )
 
 
 def agents_in_hover(settings: schema.Scenario, nominal: Team) -> list[bound_tips.HoverAgent]:
@@ -223,21 +241,19 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
     Raises:
         ScenarioError: As `allocation`, and for a user-defined part without the methods of its interface.
     """
-    allocation_map, internal = allocation(settings, nominal)
     learning, gain = settings.learning, gains(settings, nominal)
-    health = monitor = None
-    allocator: interfaces.Allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
+    health = monitor = allocation_map = None
+    if nominal.is_rigid_assembly:
+        allocator = _assembly_allocator(settings, gain)
+    else:
+        allocation_map, internal = allocation(settings, nominal)
+        allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
     if isinstance(settings.allocation, schema.ConstrainedAllocation):
         allocator = _constrained(settings, nominal, allocator)
         health, monitor = _effectiveness_filter(settings), _contact_monitor(settings, nominal)
     bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
-    agent_controller = (
-        agent_controllers.ThrustVectoringController
-        if preview_step is None
-        else agent_controllers.PreviewThrustVectoringController
-    )
     default = controller.LeaderFollowerController(
         team=nominal,
         reference=trajectories.make_reference(settings),
@@ -261,9 +277,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
             gains=gain, position_error_bound=None if bound is None else array(bound)
         ),
         allocator=allocator,
-        agent_controller=agent_controller(
-            gains=gain, yaw=trajectories.headings(settings), nominal_posture=team_module.nominal_posture(settings)
-        ),
+        agent_controller=_agent_controller(settings, nominal, gain),
         actuator_compensator=_drive(settings),
         effectiveness_filter=health,
         contact_monitor=monitor,
@@ -276,6 +290,38 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         if (part := getattr(settings.plugins, name, None)) is not None
     }
     return dataclasses.replace(default, **user_defined)
+
+
+def _agent_controller(settings: schema.Scenario, nominal: Team, gain: tracking.Gains) -> interfaces.AgentController:
+    """Return the agent controller."""
+    if nominal.is_rigid_assembly:
+        return rigid_assembly.RigidGripController()
+    kind = (
+        agent_controllers.ThrustVectoringController
+        if settings.control.preview_step_s is None
+        else agent_controllers.PreviewThrustVectoringController
+    )
+    return kind(gains=gain, yaw=trajectories.headings(settings), nominal_posture=team_module.nominal_posture(settings))
+
+
+def _assembly_allocator(settings: schema.Scenario, gain: tracking.Gains) -> rigid_assembly.RigidAssemblyAllocator:
+    """Return the allocator of a rigid assembly.
+
+    Raises:
+        ScenarioError: If the scenario has settings that apply to point contacts alone.
+    """
+    given, delays = settings.allocation, [x for x in settings.faults if isinstance(x, schema.LinkFault)]
+    for setting, wrong in (
+        (f"allocation.kind: {given.kind}", not isinstance(given, schema.LeastSquaresAllocation)),
+        ("allocation.internal", given.internal is not None),
+        ("a fault of kind link", bool(delays)),
+    ):
+        if wrong:
+            raise ScenarioError(
+                f"{settings.name}: {setting} requires contacts that do not fix the attitude of every agent to the "
+                "payload; a team that is one rigid body has allocation.kind: least_squares without internal forces"
+            )
+    return rigid_assembly.RigidAssemblyAllocator(gains=gain)
 
 
 def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.EffectivenessFilter | None:
@@ -307,10 +353,12 @@ def _contact_monitor(settings: schema.Scenario, nominal: Team) -> contact_monito
     return contact_monitor.contact_monitor(nominal, posture, noise, bandwidth, 1 / settings.control_Hz)
 
 
-def _command_link(settings: schema.Scenario, allocation_map: AllocationMap) -> command_link.CommandLink | None:
+def _command_link(settings: schema.Scenario, allocation_map: AllocationMap | None) -> command_link.CommandLink | None:
     """Return the link to the agents; None if no fault concerns it."""
     delays = [round(x.delay_s * settings.control_Hz) for x in settings.faults if isinstance(x, schema.LinkFault)]
-    return command_link.CommandLink(allocation=allocation_map, max_delay=max(delays)) if delays else None
+    if not delays or allocation_map is None:
+        return None
+    return command_link.CommandLink(allocation=allocation_map, max_delay=max(delays))
 
 
 def with_preview(

@@ -95,6 +95,18 @@ def contacts(data: dict[str, Any]) -> list[str]:
     ]
 
 
+def contact_types(data: dict[str, Any]) -> list[Any]:
+    """Type of every contact, in the order of `contacts`."""
+    kinds = _named(data, "agent_types")
+    return [
+        "point" if (kind := _part(arm, "contact")) is None else kind
+        for agent in _items(data, "agents")
+        if isinstance(_part(agent, "name"), str)
+        for arm in _items(kinds, str(_part(agent, "type")), "arms")
+        if isinstance(_part(arm, "name"), str)
+    ]
+
+
 def _agent_types(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     for key, kind in _named(data, "agent_types").items():
         location: Location = ("agent_types", key)
@@ -206,6 +218,23 @@ def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     yield from _contact_pairs(data, ("allocation", "internal", "squeeze_pairs"), known)
     for section in ("allocation", "physics"):
         yield from _contact_limits(data, (section, "contact"), known)
+    yield from _contact_types(data, known)
+
+
+def _contact_types(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMessage]:
+    """Check what contacts that bear moments require: normals, and a plant that has them."""
+    normals, types = _part(data, "physics", "contact", "normal"), contact_types(data)
+    given = normals if isinstance(normals, dict) else {}
+    soft = [name for name, kind in zip(known, types, strict=True) if kind == "soft_finger"]
+    if missing := [name for name in soft if name not in given]:
+        yield (
+            ("physics", "contact"),
+            f"requires `normal` of every contact of type soft_finger; missing: {', '.join(missing)}",
+        )
+    if _part(data, "physics", "contact", "torsional_friction_m") is not None and not soft:
+        yield ("physics", "contact", "torsional_friction_m"), "requires a contact of type soft_finger (agent_types: arms)"
+    if _part(data, "physics", "kind") == "mujoco" and any(kind != "point" for kind in types):
+        yield ("physics", "kind"), "mujoco supports contacts of type point alone; use kind: rigid"
 
 
 def _contact_pairs(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:

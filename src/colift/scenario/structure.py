@@ -46,7 +46,9 @@ def structural_errors(settings: schema.Scenario, truth: Team) -> tuple[Structura
     """
     names = iter(team.contact_names(settings))
     agents = iter(team.agent_names(settings))
-    found = list(_contacts_on_a_line(truth, team.contact_names(settings)))
+    found = list(_fixed_attitudes(settings, truth))
+    if not truth.is_rigid_assembly:
+        found += _contacts_on_a_line(truth, team.contact_names(settings))
     for group, members in zip(truth.agent_groups, team.group_agents(settings), strict=True):
         generic_rank = _generic_rank(group)
         for j, _ in enumerate(members):
@@ -68,6 +70,23 @@ def check_structure(settings: schema.Scenario, truth: Team) -> None:
     found = structural_errors(settings, truth)
     if found:
         raise ScenarioError(f"{settings.name}: {'; '.join(error.message for error in found)}")
+
+
+def _fixed_attitudes(settings: schema.Scenario, truth: Team) -> Iterator[StructuralError]:
+    """Find agents whose rigid grips fix their attitude to the payload, in a team that is not one rigid body."""
+    if truth.is_rigid_assembly:
+        return
+    for group, members in zip(truth.agent_groups, team.group_agents(settings), strict=True):
+        tree = group.tree
+        for b, kind in enumerate(tree.contact_types):
+            moving = tree.ancestors[tree.tip_bodies[b]] & ~np.array(tree.prismatic, dtype=bool)
+            if kind == parameters.RIGID and moving.sum() < 3:
+                yield StructuralError(
+                    f"{', '.join(agent.name for agent in members)}: {moving.sum()} revolute joints before a rigid grip; "
+                    "three are required, so that the attitude of an agent can differ from that of the payload, unless "
+                    "no agent of the team has joints and all grips are rigid",
+                    "give the arm a wrist with three axes (agent_types: joints), or contact: point",
+                )
 
 
 def _contacts_on_a_line(truth: Team, names: tuple[str, ...]) -> Iterator[StructuralError]:

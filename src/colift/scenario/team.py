@@ -6,11 +6,22 @@ the order of the groups.
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from jaxtyping import Array
 
 from colift.math.pytree import transfer
-from colift.models.parameters import AerialManipulator, KinematicTree, Payload, Team, stack_agents
+from colift.models import aerial_manipulator
+from colift.models.parameters import (
+    RIGID,
+    SOFT_FINGER,
+    AerialManipulator,
+    KinematicTree,
+    Payload,
+    Team,
+    stack_agents,
+)
 from colift.scenario import schema
 from colift.scenario.conversion import array, rotation, rows
 
@@ -36,7 +47,7 @@ def group_agents(settings: schema.Scenario) -> list[list[schema.Agent]]:
 def agent_models(settings: schema.Scenario) -> dict[str, AerialManipulator]:
     """Return the true model of each agent type in the team; contacts are those of the first agent of the type."""
     first = {agent.type: agent for agent in reversed(settings.agents)}
-    return {name: _agent(kind, first[name]) for name, kind in settings.agent_types.items() if name in first}
+    return {name: _agent(settings, kind, first[name]) for name, kind in settings.agent_types.items() if name in first}
 
 
 def agent_names(settings: schema.Scenario) -> tuple[str, ...]:
@@ -91,7 +102,7 @@ def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
 
 def _team(settings: schema.Scenario, kinds: dict[str, schema.AgentType], payload: schema.Payload) -> Team:
     return Team(
-        agent_groups=tuple(stack_agents([_agent(kinds[a.type], a) for a in group]) for group in group_agents(settings)),
+        agent_groups=tuple(stack_agents([_agent(settings, kinds[a.type], a) for a in group]) for group in group_agents(settings)),
         payload=Payload(mass=array(payload.mass_kg), inertia=array(payload.inertia_kgm2)),
         gravity=array(settings.gravity_mps2),
     )
@@ -115,13 +126,14 @@ def _tree(kind: schema.AgentType) -> KinematicTree:
         parents=tuple(index[joint.parent] for joint in kind.joints),
         prismatic=tuple(joint.type == "prismatic" for joint in kind.joints),
         tip_bodies=tuple(index[arm.joint] for arm in kind.arms),
+        contact_types=() if all(arm.contact == "point" for arm in kind.arms) else tuple(a.contact for a in kind.arms),
     )
 
 
-def _agent(kind: schema.AgentType, agent: schema.Agent) -> AerialManipulator:
+def _agent(settings: schema.Scenario, kind: schema.AgentType, agent: schema.Agent) -> AerialManipulator:
     parts = [kind.base, *(joint.body for joint in kind.joints)]
     axes = np.array([joint.axis for joint in kind.joints]).reshape(-1, 3)
-    return AerialManipulator(
+    model = AerialManipulator(
         tree=_tree(kind),
         mass=array([body.mass_kg for body in parts]),
         com=array([body.center_of_mass_m for body in parts]),
@@ -133,3 +145,26 @@ def _agent(kind: schema.AgentType, agent: schema.Agent) -> AerialManipulator:
         contact_position=rows(agent.contact_positions_m),
         thrust_max=array(kind.thrust_max_N),
     )
+    return _with_moments(settings, kind, agent, model) if model.tree.contact_types else model
+
+
+def _with_moments(
+    settings: schema.Scenario, kind: schema.AgentType, agent: schema.Agent, model: AerialManipulator
+) -> AerialManipulator:
+    """Return an agent with the directions in which its contacts bear moments, and the orientations of rigid grips."""
+    normals = {} if isinstance(settings.physics, schema.Plugin) else settings.physics.contact.normal or {}
+    axes: list[np.ndarray] = []
+    for arm in kind.arms:
+        if arm.contact == SOFT_FINGER:
+            normal = np.array(normals[f"{agent.name}/{arm.name}"])  # the checks of the settings require it
+            axes.append(normal[None] / np.linalg.norm(normal))
+        elif arm.contact == RIGID:
+            axes.append(np.eye(3))
+    grips = None
+    if RIGID in model.tree.contact_types:
+        posture = np.array(
+            [j.nominal_position_rad if isinstance(j, schema.Revolute) else j.nominal_position_m for j in kind.joints]
+        )
+        bodies = np.asarray(aerial_manipulator.forward_kinematics(model, array(posture)).rotation)
+        grips = array(rotation((0.0, 0.0, agent.yaw_deg)) @ bodies[list(model.tree.tip_bodies)])
+    return dataclasses.replace(model, moment_axis=array(np.concatenate(axes)), grip_rotation=grips)

@@ -48,7 +48,7 @@ def make_termination_limits(settings: schema.Scenario, truth: Team, state: State
 def _contact_limits(settings: schema.Scenario) -> termination.ContactLimits | None:
     """Return the limits of the contact forces; None without limits."""
     given = settings.physics
-    if isinstance(given, schema.Plugin) or given.contact == schema.ContactLimits():
+    if isinstance(given, schema.Plugin) or given.contact == type(given.contact)():
         return None
     contact, names = given.contact, team.contact_names(settings)
     normals = np.array([(contact.normal or {}).get(name, (0.0, 0.0, 1.0)) for name in names])  # required where used
@@ -58,6 +58,7 @@ def _contact_limits(settings: schema.Scenario) -> termination.ContactLimits | No
         friction=array(np.inf if contact.friction is None else contact.friction),
         min_force=array(-np.inf if least is None else least),
         max_force=array(np.inf if contact.max_force_N is None else contact.max_force_N),
+        torsional_friction=None if contact.torsional_friction_m is None else array(contact.torsional_friction_m),
     )
 
 

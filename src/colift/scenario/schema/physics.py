@@ -11,7 +11,7 @@ from pydantic import AfterValidator
 
 from colift.scenario import fields
 from colift.scenario.schema.base import Section, _even
-from colift.scenario.schema.shared import LimitedContacts
+from colift.scenario.schema.shared import ContactLimits
 from colift.scenario.schema.team import ActuatorLag
 
 
@@ -46,14 +46,28 @@ class LaggedMotors(ActuatorLag):
     """Rotors of every vehicle; default: only the thrust is limited."""
 
 
-class RigidContactPhysics(LimitedContacts):
+class PlantContactLimits(ContactLimits):
+    """Limits of the contact forces and moments of the plant."""
+
+    torsional_friction_m: fields.LeverArm | None = None
+    """Largest moment about the normal over the normal force, of soft fingers; default: no limit."""
+
+
+class _Plant(Section):
+    """Settings that the plants have."""
+
+    contact: PlantContactLimits = PlantContactLimits()
+    """Limits of the contact forces and moments."""
+
+
+class RigidContactPhysics(_Plant):
     """Equations of motion with rigid contacts; the flight ends at the first contact force beyond its limits."""
 
     kind: Literal["rigid"]
     """Selects this plant."""
 
 
-class MujocoPhysics(LimitedContacts):
+class MujocoPhysics(_Plant):
     """MuJoCo (extra `mujoco`) with the model of `colift export mjcf` and the stiffest contacts its steps permit.
 
     The flight ends at the first contact force beyond its limits.

@@ -78,12 +78,18 @@ Joint = Annotated[Revolute | Prismatic, Field(discriminator="type")]
 
 
 class Arm(Named):
-    """An arm with one point contact on the payload; `agent/arm` is the name of the contact."""
+    """An arm with one contact on the payload; `agent/arm` is the name of the contact."""
 
     joint: Name
     """Body that carries the tip: the name of a joint, or `base`."""
     tip_position_m: fields.BodyPoint
     """Contact point, frame of that body."""
+    contact: Literal["point", "soft_finger", "rigid"] = "point"
+    """Type of the contact: `point` bears forces, `soft_finger` also the moment about `physics.contact.normal`.
+
+    `rigid` bears forces and moments; it holds the orientation that the tip has on the level payload in the nominal
+    posture.
+    """
 
 
 class AgentType(Section):
