@@ -96,14 +96,17 @@ def gains(settings: schema.Scenario, nominal: Team) -> tracking.Gains:
 
 
 def _assembly_gains(settings: schema.Scenario) -> tracking.Gains:
-    """Return the gains of a rigid assembly, which no agent limits: all of them tilt with the payload."""
+    """Return the gains of a rigid assembly, which no agent limits: all of them tilt with the payload.
+
+    The allocator computes the acceleration in the jerk from the thrust.
+    """
     given = settings.control
     return tracking.Gains(
         K_p=array(np.diag(given.K_p)),
         K_v=array(np.diag(given.K_v)),
         k_R=array(np.broadcast_to(given.k_R, 3)),
         k_omega=array(np.broadcast_to(given.k_omega, 3)),
-        jerk_feedback=array(float(settings.sensors.payload_imu)),
+        jerk_feedback=jnp.zeros(()),
         agent_k_R=array(given.agent_k_R),
         agent_k_omega=array(given.agent_k_omega),
         posture_bandwidth=array(given.posture_bandwidth),

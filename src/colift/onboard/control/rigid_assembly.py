@@ -108,7 +108,9 @@ class RigidAssemblyAllocator:
     """Attitude control of the assembly, and the least inputs that generate its thrust and moment.
 
     1. The desired thrust is `f = M (a - a_g) - F_hat`. The desired attitude has its third axis along f and the heading
-       of the reference; its angular velocity follows from `f_dot = M jerk`.
+       of the reference; its angular velocity follows from `f_dot = M (jerk - K_v e_a)`. The acceleration error e_a is that
+       of the present thrust. Feedback of the measured acceleration of the payload, which the angular acceleration
+       changes, would be unstable.
     2. `alpha = -k_R e_R - k_w e_w - w x R^T R_d w_d`, and the thrust is `T = f . R e_3`.
     3. The inputs `(u_j, tau_j)` of least norm generate T and the moment `J alpha + w x J w - tau_hat`. A torque counts
        with the rotor forces that generate it, `tau / torque_lever`.
@@ -135,15 +137,17 @@ class RigidAssemblyAllocator:
         f = body.mass * (command.a - team.gravity) - F_hat
         heading = context.setpoint.R[:, 0]
         yaw = jnp.arctan2(heading[1], heading[0])
-        R_d, R_d_dot = jax.jvp(lambda f: attitude_from_thrust(f, yaw), (f,), (body.mass * command.jerk,))
+        thrust = f @ payload.R[:, 2]
+        specific_force = (thrust * payload.R[:, 2] + F_hat) / body.mass  # of the center of mass
+        e_a = specific_force + team.gravity - context.setpoint.a
+        f_dot = body.mass * (command.jerk - self.gains.K_v @ e_a)
+        R_d, R_d_dot = jax.jvp(lambda f: attitude_from_thrust(f, yaw), (f,), (f_dot,))
         omega_d = so3.vee(R_d.T @ R_d_dot)
         to_body = payload.R.T @ R_d
         alpha = -self.gains.agent_k_R * so3.e_R(payload.R, R_d) - so3.cross(payload.omega, to_body @ omega_d)
         alpha = alpha - self.gains.agent_k_omega * so3.e_omega(payload.R, payload.omega, R_d, omega_d)
-        thrust = f @ payload.R[:, 2]
         moment = body.inertia @ alpha + so3.cross(payload.omega, body.inertia @ payload.omega) - tau_hat
         inputs = self._inputs(body, jnp.concatenate([thrust[None], moment]))
-        specific_force = (thrust * payload.R[:, 2] + F_hat) / body.mass  # of the center of mass
         offset = tracking.point_acceleration(
             payload, tracking.AccelerationCommand(a=jnp.zeros(3), alpha=alpha, jerk=jnp.zeros(3)), body.com[None]
         )[0]
