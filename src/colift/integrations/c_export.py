@@ -39,6 +39,7 @@ UNITS = {  # of the fields of measurements and commands; an attitude has no unit
     "a": "m/s^2, specific force, body frame",
     "r": "rad or m",
     "lam": "N, frame of the tip",
+    "moment": "N m, frame of the tip",
     "u": "N",
     "tau": "N m, body frame",
     "tau_r": "N m or N",

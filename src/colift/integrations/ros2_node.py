@@ -117,9 +117,10 @@ def measurement_from_messages(team: Team, names: RosNames, messages: Mapping[str
     each_agent = zip(names.agents, names.joints, names.arms, strict=True)
     agents = [_agent(*agent_names, messages) for agent_names in each_agent]
     groups, first = [], 0
-    for size in team.sizes:
+    for size, members in zip(team.sizes, team.agent_groups, strict=True):
         group = agents[first : first + size]
-        groups.append(AgentReading(**{name: _array(name, [agent[name] for agent in group]) for name in group[0]}))
+        fields = [name for name in group[0] if name != "moment" or members.moment_axis is not None]
+        groups.append(AgentReading(**{name: _array(name, [agent[name] for agent in group]) for name in fields}))
         first += size
     payload = {
         "p" if name == "x" else name: _array(f"{PAYLOAD} {name}", values)
@@ -170,8 +171,9 @@ def _agent(name: str, joints: tuple[str, ...], arms: tuple[str, ...], messages: 
             available = ", ".join(positions)
             raise ValueError(f"/{name}/joint_states: {', '.join(missing)} missing; the message contains {available}")
         r = [positions[joint] for joint in joints]
-    lam = [_xyz(messages[f"/{name}/{arm}/tip_force"].wrench.force) for arm in arms]
-    return _body(name, messages) | {"r": r, "lam": lam}
+    wrenches = [messages[f"/{name}/{arm}/tip_force"].wrench for arm in arms]
+    loads = {"lam": [_xyz(wrench.force) for wrench in wrenches], "moment": [_xyz(x.torque) for x in wrenches]}
+    return _body(name, messages) | {"r": r} | loads
 
 
 class AgentCommand(NamedTuple):
@@ -256,6 +258,8 @@ def _zero_measurement(team: Team) -> Measurement:
     groups = []
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
         agent = {"R": jnp.eye(3), **zero, "r": jnp.zeros(group.tree.joints), "lam": jnp.zeros((group.tree.arms, 3))}
+        if group.moment_axis is not None:
+            agent["moment"] = jnp.zeros((group.tree.arms, 3))
         groups.append(AgentReading(**{name: jnp.repeat(x[None], size, axis=0) for name, x in agent.items()}))
     zero["p"] = zero.pop("x")
     return Measurement(agents=tuple(groups), payload=PayloadReading(R=jnp.eye(3), **zero))

@@ -21,6 +21,7 @@ class AgentReading:
     a: Float[Array, "*agents 3"]  # m/s^2, specific force at the base origin, base frame
     r: Float[Array, "*agents n_r"]  # rad or m, joint positions
     lam: Float[Array, "*agents arms 3"]  # N, force on the payload, frame of the tip body
+    moment: Float[Array, "*agents arms 3"] | None = None  # N m, moment on the payload, likewise; None for points
 
 
 @pytree

@@ -170,6 +170,13 @@ class Team:
         )
 
     @property
+    def zero_contact_moments(self) -> tuple[Float[Array, "_agents _arms 3"], ...] | None:
+        """Contact moments of zero, by group; None if all contacts are points."""
+        if all(group.moment_axis is None for group in self.agent_groups):
+            return None
+        return tuple(jnp.zeros_like(group.contact_position) for group in self.agent_groups)
+
+    @property
     def is_rigid_assembly(self) -> bool:
         """True if agents and payload are one rigid body: no agent has joints, and all grips are rigid."""
         return all(group.tree.has_rigid_grips_only for group in self.agent_groups)

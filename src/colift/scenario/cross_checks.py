@@ -233,6 +233,13 @@ def _contact_types(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMess
         )
     if _part(data, "physics", "contact", "torsional_friction_m") is not None and not soft:
         yield ("physics", "contact", "torsional_friction_m"), "requires a contact of type soft_finger (agent_types: arms)"
+    if any(kind != "point" for kind in types):
+        for location, wrong, required in (
+            (("contact_forces", "kind"), _part(data, "contact_forces", "kind") not in (None, "tip_sensors"), "tip_sensors"),
+            (("sensors", "payload_imu"), _part(data, "sensors", "payload_imu") is False, "true"),
+        ):
+            if wrong:
+                yield location, f"must be {required} with contacts that bear moments (agent_types: arms: contact)"
     if _part(data, "physics", "kind") == "mujoco" and any(kind != "point" for kind in types):
         yield ("physics", "kind"), "mujoco supports contacts of type point alone; use kind: rigid"
 

@@ -226,6 +226,7 @@ def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:
         accelerometer=array(given.accelerometer_mps2),
         joint_position=array(np.deg2rad(given.joint_position_deg)),
         tip_force=array(given.tip_force_N),
+        tip_moment=array(given.tip_moment_Nm),
         tip_force_bias=array(given.tip_force_bias_N),
         tip_force_bandwidth=array(given.tip_force_bandwidth_Hz),
     )

@@ -225,7 +225,7 @@ def forward_dynamics(
         for group, state, rows in zip(team.agent_groups, team_state.agents, lam, strict=True)
     )
     moments = tuple(_contact_moments(group, rows) for group, rows in zip(team.agent_groups, lam, strict=True))
-    bears_moments = any(group.moment_axis is not None for group in team.agent_groups)
+    bears_moments = team.zero_contact_moments is not None
     return Acceleration(agents=a, payload=a_L[:, 0], contact_moments=moments if bears_moments else None), forces
 
 

@@ -35,6 +35,7 @@ class SensorNoise:
     accelerometer: Scalar  # m/s^2
     joint_position: Scalar  # rad or m
     tip_force: Scalar  # N
+    tip_moment: Scalar  # N m, of contacts that bear moments
     tip_force_bias: Scalar  # N, standard deviation of the constant bias
     tip_force_bandwidth: Scalar  # Hz, first-order low-pass filter
 
@@ -50,6 +51,7 @@ class AgentNoise:
     a: Float[Array, "*time agents 3"]  # accelerometer
     r: Float[Array, "*time agents n_r"]  # joint positions
     lam: Float[Array, "*time agents arms 3"]  # tip forces
+    moment: Float[Array, "*time agents arms 3"] | None = None  # tip moments; None for point contacts
 
 
 @pytree
@@ -94,7 +96,11 @@ def sample_noise(team: Team, key: Array, ticks: int) -> Noise:
     for size, group, k in zip(team.sizes, team.agent_groups, keys[1:], strict=True):
         shapes: dict[str, tuple[int, ...]] = dict.fromkeys(("theta", "x", "v", "omega", "a"), (size, 3))
         shapes |= {"r": (size, group.tree.joints), "lam": (size, group.tree.arms, 3)}
-        agents.append(AgentNoise(**normal(k, shapes)))
+        noise = AgentNoise(**normal(k, shapes))
+        if group.moment_axis is not None:
+            moment = jax.random.normal(jax.random.fold_in(k, 1), (ticks, size, group.tree.arms, 3))
+            noise = dataclasses.replace(noise, moment=moment)
+        agents.append(noise)
     payload: dict[str, tuple[int, ...]] = dict.fromkeys(("theta", "p", "v", "omega", "a"), (3,))
     return Noise(agents=tuple(agents), payload=PayloadNoise(**normal(keys[0], payload)))
 
@@ -127,6 +133,8 @@ class SensedState:
     a_L: Float[Array, "6"]  # m/s^2 and rad/s^2, (v_dot in the world, omega_dot in the payload frame)
     lam: tuple[Float[Array, "agents arms 3"], ...]  # N, contact forces behind the low-pass filter of the sensors, world
     f: ResidualForces  # unmodelled forces
+    moments: tuple[Float[Array, "_agents _arms 3"], ...] | None = None  # N m, contact moments behind the same filter,
+    # payload frame; None if all contacts are points
 
 
 def measure(
@@ -150,7 +158,7 @@ def measure(
     """
     q = truth.z.payload
     n = noise.payload
-    return Measurement(
+    readings = Measurement(
         agents=tuple(
             jax.vmap(_sense_agent, in_axes=(0, None, 0, 0, 0, 0, 0, 0, None))(
                 group, sensors, state, v_dot, xi_dot, lam, bias, agent_noise, team.gravity
@@ -174,6 +182,31 @@ def measure(
             a=q.R.T @ (truth.a_L[:3] - team.gravity) + sensors.accelerometer * n.a,
         ),
     )
+    return readings if truth.moments is None else _with_moments(readings, team, sensors, truth, noise)
+
+
+def _with_moments(
+    readings: Measurement, team: Team, sensors: SensorNoise, truth: SensedState, noise: Noise
+) -> Measurement:
+    """Add the readings of tip moments to the agents whose contacts bear moments."""
+
+    def in_tip(
+        agent: AerialManipulator, q: AgentState, m: Float[Array, "arms 3"], n: Float[Array, "arms 3"]
+    ) -> Float[Array, "arms 3"]:
+        g = aerial_manipulator.forward_kinematics(agent, q.r)
+        tip = g.rotation[jnp.array(agent.tree.tip_bodies)]
+        return jnp.einsum("bji,bj->bi", tip, m @ (truth.z.payload.R.T @ q.R)) + sensors.tip_moment * n
+
+    assert truth.moments is not None  # for the type checker
+    agents = [
+        reading
+        if group.moment_axis is None
+        else dataclasses.replace(reading, moment=jax.vmap(in_tip)(group, q, m, n.moment))
+        for reading, group, q, m, n in zip(
+            readings.agents, team.agent_groups, truth.z.agents, truth.moments, noise.agents, strict=True
+        )
+    ]
+    return dataclasses.replace(readings, agents=tuple(agents))
 
 
 class SensorModel:

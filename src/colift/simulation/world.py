@@ -46,6 +46,8 @@ class WorldState:
     sensors: tuple[Any, ...]  # states of the additional sensors
     rotor_forces: RotorForces | None = None  # N, forces of the last tick; None without faults of single rotors
     regrasped: Contacts | None = None  # contacts that have closed again; None if none can
+    filtered_tip_moments: tuple[Float[Array, "_agents _arms 3"], ...] | None = None  # N m, low-pass filtered contact
+    # moments, payload frame; None if all contacts are points
 
 
 @pytree
@@ -198,6 +200,7 @@ class SimulatedWorld:
             a_L=jnp.zeros(6),
             lam=tuple(jnp.zeros_like(group.contact_position) for group in self.team.agent_groups),
             f=zero_residual(self.team),
+            moments=self.team.zero_contact_moments,
         )
 
     def _at_rest(self, state: State) -> tuple[Measurement, tuple[Any, ...]]:
@@ -219,7 +222,7 @@ class SimulatedWorld:
         """Return the initial world state at a team state, with a constant command before the first tick."""
         _, sensor_states = self._at_rest(state)
         disturbance_state = disturbances.init(self.disturbances, self.team)
-        _, lam = self.plant.forward_dynamics(
+        a, lam = self.plant.forward_dynamics(
             self.team_at(jnp.zeros(())),
             state,
             command,
@@ -229,6 +232,7 @@ class SimulatedWorld:
             state=state,
             applied_inputs=command,
             filtered_tip_forces=lam,
+            filtered_tip_moments=a.contact_moments,
             disturbances=disturbance_state,
             actuators=self.actuators.init(command),
             sensors=sensor_states,
@@ -279,6 +283,7 @@ class SimulatedWorld:
             a_L=a.payload,
             lam=filtered,
             f=f,
+            moments=self._filtered_moments(state, a, b),
         )
         measurement = sensors_module.measure(self.team, self.sensors, self.tip_force_bias, sensed, noise.sensors)
         measurement = dataclasses.replace(measurement, regrasped=state.regrasped)
@@ -288,7 +293,22 @@ class SimulatedWorld:
         ):
             measurement, next_sensor_state = sensor.apply(measurement, sensed, clock, sensor_state, sensor_noise)
             sensor_states.append(next_sensor_state)
-        return measurement, dataclasses.replace(state, filtered_tip_forces=filtered, sensors=tuple(sensor_states))
+        return measurement, dataclasses.replace(
+            state,
+            filtered_tip_forces=filtered,
+            filtered_tip_moments=sensed.moments,
+            sensors=tuple(sensor_states),
+        )
+
+    def _filtered_moments(
+        self, state: WorldState, a: contact_dynamics.Acceleration, b: Scalar
+    ) -> tuple[Float[Array, "_agents _arms 3"], ...] | None:
+        """Advance the low-pass filter of the tip moments with the smoothing factor b."""
+        if a.contact_moments is None or state.filtered_tip_moments is None:
+            return None
+        return tuple(
+            old + b * (new - old) for old, new in zip(state.filtered_tip_moments, a.contact_moments, strict=True)
+        )
 
     def step(self, state: WorldState, command: TeamInputs, clock: ControlClock) -> tuple[WorldState, GroundTruth]:
         """Advance the world by one tick with a constant command.
@@ -319,6 +339,7 @@ class SimulatedWorld:
             state=z,
             applied_inputs=inputs,
             filtered_tip_forces=state.filtered_tip_forces,
+            filtered_tip_moments=state.filtered_tip_moments,
             disturbances=disturbances.update(self.disturbances, self.team, state.state, t, state.disturbances, dt),
             actuators=actuators,
             sensors=state.sensors,

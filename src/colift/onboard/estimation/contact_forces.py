@@ -49,10 +49,11 @@ class AgentBalance:
 
     Attributes:
         R: Attitudes of the bases, body to world.
-        y: Residual without contact forces: force [N, world], moments [N m, base frame], joint torques [N m or N].
+        y: Residual without contact forces, with tip moment readings: force [N, world], moments [N m, base frame], joint torques [N m or N].
         J_tip: Jacobians of the tips, base frame, by arm [m or 1]; the moments of ``A lam`` are their transposes.
         measured: Tip force readings, on the payload [N, base frame].
         x: Inputs of the residual models.
+        moment: Sum of the tip moment readings, on the payload [N m, base frame]; None for point contacts.
     """
 
     R: Float[Array, "*agents 3 3"]
@@ -60,6 +61,7 @@ class AgentBalance:
     J_tip: Float[Array, "*agents arms 3 xi"]
     measured: Float[Array, "*agents arms 3"]
     x: Float[Array, "*agents inputs"]
+    moment: Float[Array, "*agents 3"] | None = None
 
 
 @pytree

@@ -308,6 +308,10 @@ def _update(
     )
     labels, agents, lam = zip(*filtered_agents, strict=True)
     payload_label = balance.y - contact_wrench(team, payload.R, lam)
+    for _, each, _ in found:
+        if each.moment is not None:
+            in_world = (each.R * each.moment[:, None, :]).sum((0, 2))
+            payload_label = payload_label.at[3:].add(-(payload.R.T @ in_world))
     averaged, filtered = _average(state, lam, b)
     inputs, motion = flatten_payload_state(payload, a), payload_state.payload_filter
     if estimator.payload_filter is not None and motion is not None:
@@ -512,13 +516,14 @@ def _update_agent(
         jnp.concatenate([force, moment]) - state.modelled_force
     )
     lam = m.lam if agent.closed_contacts is None else agent.closed_contacts[:, None] * m.lam
+    tips = g.rotation[jnp.array(agent.tree.tip_bodies)]
     balance = AgentBalance(
-        R=base.R,
-        y=modelled,
-        J_tip=p.J_tip,
-        measured=jnp.einsum("bij,bj->bi", g.rotation[jnp.array(agent.tree.tip_bodies)], lam),
-        x=flatten_agent_state(q),
+        R=base.R, y=modelled, J_tip=p.J_tip, measured=jnp.einsum("bij,bj->bi", tips, lam), x=flatten_agent_state(q)
     )
+    if m.moment is not None:
+        moments = jnp.einsum("bij,bj->bi", tips, m.moment)
+        load = inverse_dynamics.contact_moment_load(agent, p, moments)
+        balance = dataclasses.replace(balance, y=modelled.at[3:].add(load), moment=moments.sum(0))
     filtered = dataclasses.replace(state, base=fused, bias=bias, r=r, r_dot=r_dot, encoder=encoder)
     next_state = dataclasses.replace(
         filtered, momenta=momenta, com_velocity_offset=velocity_offset, modelled_force=modelled

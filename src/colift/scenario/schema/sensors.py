@@ -78,6 +78,8 @@ class Sensors(Section):
     """Joint position; for a prismatic joint the number in rad is used in m (0.1 deg: 1.7 mm)."""
     tip_force_N: fields.Noise = 0.1
     """Force at a tip, by axis."""
+    tip_moment_Nm: fields.Noise = 0.005
+    """Moment at the tip of a contact that bears moments, by axis."""
     tip_force_bias_N: fields.Noise = 0.05
     """Standard deviation of the constant bias of each axis of a tip force sensor."""
     tip_force_bandwidth_Hz: fields.Bandwidth = 50.0
