@@ -254,6 +254,9 @@ def _mass(settings: Scenario, truth: Team, nominal: Team) -> Finding:
 def _contacts(settings: Scenario, truth: Team) -> Finding:
     """Check rank and condition number of the grasp matrix."""
     c, names = np.asarray(grasp.contact_points(truth)), team.contact_names(settings)
+    if truth.is_rigid_assembly:
+        text = f"{len(c)} rigid grips of vehicles without joints: the team is one rigid body, which tilts to accelerate"
+        return Finding("contacts", text, {"rigid_assembly": True})
     length = max(float(np.sqrt((c**2).sum(1).mean())), 1e-9)
     values = grasp.grasp_matrix_singular_values(truth, length)
     rank, condition = int((values[0] < 1e6 * values).sum()), float(values[0] / max(values[-1], 1e-300))
@@ -393,9 +396,9 @@ def _unbuilt(settings: Scenario, truth: Team, nominal: Team, largest: int, margi
 
 
 def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: State) -> Iterator[Finding]:
-    """Report the bound axes of the agents, and check the gains that they limit; no finding without weight."""
+    """Report the bound axes of the agents, and check the gains that they limit; no finding without weight or in an assembly."""
     world, names = case_experiment.world, team.agent_names(settings)
-    if not np.any(settings.gravity_mps2):
+    if not np.any(settings.gravity_mps2) or world.team.is_rigid_assembly:
         return
     thrust = termination.undisturbed_hover_thrust(world.team, case_experiment.controller, state)
     axes = bound_axes.bound_axes(world.team, state, thrust, names)

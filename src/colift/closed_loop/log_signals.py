@@ -90,7 +90,7 @@ SIGNALS = {
         ROTATION_DIMS, "1", "payload to world", "estimated payload attitude, used by the force allocation"
     ),
     **_wrench("W_d", NEWTON, "desired payload wrench W_d"),
-    **_wrench("delta_W", NEWTON, "wrench mismatch Delta W = G lambda_app - W_d"),
+    **_wrench("delta_W", NEWTON, "wrench mismatch Delta W = G lambda_app - W_d, with contact moments"),
     "eta": SignalSpec(("eta_index",), "N", "coordinates in the kernel of G", "internal-force input eta"),
     **_wrench("f_L", NEWTON, "true payload residual: wrench that the nominal model does not explain"),
     **_wrench("f_L_hat", NEWTON, "predicted payload residual"),

@@ -202,6 +202,8 @@ def make_record(
     force = grasp.stack_contacts(truth.lam)
     # Wrench at the attitude that the allocator used, so that delta_W = G e_lam holds exactly
     W = grasp.payload_wrench(grasp.contact_points(nominal), telemetry.estimate.payload.R, force)
+    if a.contact_moments is not None:
+        W = Wrench(F=W.F, tau=W.tau + grasp.stack_contacts(a.contact_moments).sum(0))
     f = true_residual(nominal, z, a, truth.lam, inputs)
     f_hat = telemetry.f_hat
     vec = lambda W: jnp.concatenate([W.F, W.tau])  # noqa: E731
