@@ -422,7 +422,9 @@ class LeaderFollowerController:
             ), next_state
         payload, gravity = self.team.payload, self.team.gravity
         W = tracking.desired_wrench(payload, gravity, context.estimate.payload, achieved, f_hat.payload)
-        shortfall = jnp.concatenate([achieved.a - command.a, achieved.alpha - command.alpha])
+        shortfall = None
+        if forces.report is not None:
+            shortfall = jnp.concatenate([achieved.a - command.a, achieved.alpha - command.alpha])
         return ControlDemand(
             acceleration_cmd=achieved, shortfall=shortfall, f_hat=f_hat, W=W, forces=forces
         ), next_state

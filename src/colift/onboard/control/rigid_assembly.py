@@ -179,7 +179,7 @@ class RigidAssemblyAllocator:
             maps.append(jnp.concatenate([by_thrust, by_torque], axis=2))
         A = jnp.concatenate(maps).transpose(1, 0, 2).reshape(4, -1)
         x = (A.T @ linalg.solve(A @ A.T, demand[:, None])[:, 0]).reshape(-1, 4)
-        x = x * jnp.concatenate([jnp.ones(1), jnp.full(3, self.torque_lever)])
+        x = x * jnp.concatenate([jnp.ones(1), jnp.full(3, self.torque_lever)])[None]
         ends = [0]
         for base in body.base:
             ends.append(ends[-1] + len(base))
