@@ -56,7 +56,7 @@ def moments_along_axes(team: Team, moments: tuple | None) -> np.ndarray:
     return np.array(along)
 
 
-@pytest.mark.parametrize("structure", (*teams.POOL, *teams.WITH_MOMENTS))
+@pytest.mark.parametrize("structure", [*teams.POOL, *teams.WITH_MOMENTS])
 @pytest.mark.parametrize("seed", range(8))
 def test_accelerations_and_forces_equal_pinocchio(structure: tuple, seed: int) -> None:
     team, z = random_team(seed, structure)
@@ -76,7 +76,7 @@ def test_accelerations_and_forces_equal_pinocchio(structure: tuple, seed: int) -
         assert relative_error(ours, theirs) < allowed
 
 
-@pytest.mark.parametrize("structure", (*teams.POOL, *teams.WITH_MOMENTS))
+@pytest.mark.parametrize("structure", [*teams.POOL, *teams.WITH_MOMENTS])
 def test_a_regrasp_is_a_perfectly_inelastic_impact(structure: tuple) -> None:
     """The velocity after it is `v - M^-1 A^T (A M^-1 A^T)^-1 A v` with Pinocchio's M and A.
 

@@ -20,7 +20,7 @@ accelerate = jax.jit(contact_dynamics.forward_dynamics)
 
 
 def one_body(team, z, inputs) -> tuple[mujoco.MjModel, mujoco.MjData]:
-    """Return a MuJoCo model in which the agents are parts of the payload, with sensors of force and moment at the grips."""
+    """Return a MuJoCo model in which agents and payload are one body, with sensors at the grips."""
     numbers = lambda x: " ".join(repr(float(v)) for v in np.ravel(x))  # noqa: E731
     quaternion = lambda R: numbers(Rotation.from_matrix(np.asarray(R)).as_quat(scalar_first=True))  # noqa: E731
     group, payload = team.agent_groups[0], team.payload
@@ -60,10 +60,14 @@ def one_body(team, z, inputs) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_forces_and_moments_of_rigid_grips_equal_one_body_of_mujoco(seed: int) -> None:
+def test_loads_of_rigid_grips_equal_one_body_of_mujoco(seed: int) -> None:
     rng = np.random.default_rng(seed)
     team, z = PinocchioTeam(teams.team(rng, STRUCTURE)).on_grasp(teams.free_state(rng, STRUCTURE))
-    inputs = (AgentInput(u=jnp.array(20 + rng.normal(size=3)), tau=jnp.array(rng.normal(size=(3, 3))), tau_r=jnp.zeros((3, 0))),)
+    inputs = (
+        AgentInput(
+            u=jnp.array(20 + rng.normal(size=3)), tau=jnp.array(rng.normal(size=(3, 3))), tau_r=jnp.zeros((3, 0))
+        ),
+    )
     none = ResidualForces(
         agents=(GeneralizedForce(f_x=jnp.zeros((3, 3)), f_w=jnp.zeros((3, 3)), f_r=jnp.zeros((3, 0))),),
         payload=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
@@ -84,8 +88,8 @@ def sliding_acceleration(moment: float, normal: float, friction: float) -> float
     model = mujoco.MjModel.from_xml_string(
         f"""<mujoco><option timestep="2e-4" cone="elliptic" gravity="0 0 0" impratio="100"/><worldbody>
         <geom type="plane" size="1 1 1" condim="4" friction="1 {friction} 0"/>
-        <body pos="0 0 0.05"><freejoint/><geom type="sphere" size="0.05" mass="0.5" condim="4" friction="1 {friction} 0"/>
-        </body></worldbody></mujoco>"""
+        <body pos="0 0 0.05"><freejoint/>
+        <geom type="sphere" size="0.05" mass="0.5" condim="4" friction="1 {friction} 0"/></body></worldbody></mujoco>"""
     )
     data = mujoco.MjData(model)
     data.xfrc_applied[1, 2] = -normal
@@ -118,4 +122,6 @@ def test_onset_of_torsional_slip_equals_mujoco(friction: float, normal: float) -
         limits, jnp.array([[0.0, 0.0, normal]]), jnp.array([[0.0, 0.0, share * onset]])
     )[3]
     assert excess(0.98) < 0 < excess(1.02)
-    assert sliding_acceleration(0.9 * onset, normal, friction) < 0.02 * sliding_acceleration(2 * onset, normal, friction)
+    assert sliding_acceleration(0.9 * onset, normal, friction) < 0.02 * sliding_acceleration(
+        2 * onset, normal, friction
+    )

@@ -212,7 +212,9 @@ class PinocchioTeam:
             dataclasses.replace(
                 g,
                 contact_position=jnp.array(part.reshape(g.contact_position.shape)),
-                grip_rotation=jnp.array(grip.reshape(-1, g.tree.arms, 3, 3)) if "rigid" in g.tree.contact_types else None,
+                grip_rotation=jnp.array(grip.reshape(-1, g.tree.arms, 3, 3))
+                if "rigid" in g.tree.contact_types
+                else None,
             )
             for g, part, grip in zip(self.team.agent_groups, cuts, grips, strict=True)
         )

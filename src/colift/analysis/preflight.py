@@ -396,7 +396,10 @@ def _unbuilt(settings: Scenario, truth: Team, nominal: Team, largest: int, margi
 
 
 def _bound_axes(settings: Scenario, case_experiment: flight.Experiment, state: State) -> Iterator[Finding]:
-    """Report the bound axes of the agents, and check the gains that they limit; no finding without weight or in an assembly."""
+    """Report the bound axes of the agents, and check the gains that they limit.
+
+    There is no finding without weight, or if the team is one rigid body.
+    """
     world, names = case_experiment.world, team.agent_names(settings)
     if not np.any(settings.gravity_mps2) or world.team.is_rigid_assembly:
         return

@@ -167,6 +167,16 @@ def _with_contact_moments(
     return GeneralizedForce(f_x=f.f_x, f_w=f.f_w + w, f_r=f.f_r + r)
 
 
+def _applied_wrench(nominal: Team, truth: GroundTruth, telemetry: interfaces.Telemetry) -> Wrench:
+    """Return the wrench of the true contact forces at the attitude that the allocator used.
+
+    `delta_W = G e_lam` then holds exactly for point contacts. Moments of contacts are added.
+    """
+    R, lam = telemetry.estimate.payload.R, grasp.stack_contacts(truth.lam)
+    W, moments = grasp.payload_wrench(grasp.contact_points(nominal), R, lam), truth.acceleration.contact_moments
+    return W if moments is None else Wrench(F=W.F, tau=W.tau + grasp.stack_contacts(moments).sum(0))
+
+
 def _agent_residual(
     agent: AerialManipulator,
     q: AgentState,
@@ -200,10 +210,7 @@ def make_record(
     z, a, inputs = truth.state, truth.acceleration, truth.inputs
     q, d = z.payload, telemetry.setpoint
     force = grasp.stack_contacts(truth.lam)
-    # Wrench at the attitude that the allocator used, so that delta_W = G e_lam holds exactly
-    W = grasp.payload_wrench(grasp.contact_points(nominal), telemetry.estimate.payload.R, force)
-    if a.contact_moments is not None:
-        W = Wrench(F=W.F, tau=W.tau + grasp.stack_contacts(a.contact_moments).sum(0))
+    W = _applied_wrench(nominal, truth, telemetry)
     f = true_residual(nominal, z, a, truth.lam, inputs)
     f_hat = telemetry.f_hat
     vec = lambda W: jnp.concatenate([W.F, W.tau])  # noqa: E731

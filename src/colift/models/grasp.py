@@ -418,9 +418,9 @@ def delassus_matrix(
 ) -> Float[Array, "rows rows"]:
     """Compute the Delassus matrix of an agent, `S = A M^-1 A^T = 1/m + B M_bar^-1 B^T`.
 
-    S maps contact forces to accelerations of the contacts, and their moments to angular accelerations. The matrix of the
-    team is invertible if and only if S is
-    invertible for every agent, because each agent has a free base. The smallest eigenvalue of the team's matrix is at
+    S maps contact forces to accelerations of the contacts, and their moments to angular accelerations. The matrix of
+    the team is invertible if and only if S is invertible for every agent, because each agent has a free base. The
+    smallest eigenvalue of the team's matrix is at
     least the smallest one of the agents.
 
     Args:
@@ -537,8 +537,8 @@ def check_controllability(team: Team, state: State, names: Sequence[str] = ()) -
 
     The grasp matrix must have rank 6, which requires three contacts that are not collinear. An agent with n arms must
     have `n_r >= 3 n - 3` joints and a grasp Jacobian `[I, d rho / d r]` of rank 3 n with a condition number below
-    `MAX_JACOBIAN_CONDITION`. A team that is one rigid body needs no rank of forces alone. Then the motion of the payload and the attitude of the agent determine its position and
-    joints.
+    `MAX_JACOBIAN_CONDITION`. Then the motion of the payload and the attitude of the agent determine its position and
+    joints. The grasp matrix of forces may have a lower rank if the team is one rigid body.
 
     Args:
         team: Team.

@@ -2,6 +2,8 @@
 
 fields            number types with their ranges
 schema            sections of a scenario file
+plain_data        entries of settings before validation
+contact_checks    consistency of the settings of contacts
 cross_checks      consistency between sections
 plugins           user-defined parts, named as `module:Name`
 errors            messages with their location in the data

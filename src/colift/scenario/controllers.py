@@ -250,9 +250,10 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         allocator = _assembly_allocator(settings, gain)
     else:
         allocation_map, internal = allocation(settings, nominal)
-        allocator = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
+        allocator = linear = allocators.LinearAllocator(allocation=allocation_map, internal=internal)
+        if isinstance(settings.allocation, schema.ConstrainedAllocation):
+            allocator = _constrained(settings, nominal, linear)
     if isinstance(settings.allocation, schema.ConstrainedAllocation):
-        allocator = _constrained(settings, nominal, allocator)
         health, monitor = _effectiveness_filter(settings), _contact_monitor(settings, nominal)
     bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder

@@ -11,9 +11,15 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from colift.scenario.contact_checks import contact_errors, contacts
 from colift.scenario.errors import ErrorMessage, Location, format_value, unknown_name_message
+from colift.scenario.plain_data import MAX_ENTRIES
+from colift.scenario.plain_data import items as _items
+from colift.scenario.plain_data import named as _named
+from colift.scenario.plain_data import names as _names
+from colift.scenario.plain_data import number as _number
+from colift.scenario.plain_data import part as _part
 
-MAX_ENTRIES = 100  # entries of a list such as agents, joints, sources; compilation takes minutes for fewer entries
 LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run stores its log three times at its end
 MAX_WAVELENGTH = 1e4  # m
 MIN_WAYPOINT_INTERVAL = 0.01  # s between two poses
@@ -28,7 +34,7 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
         *_agents(data),
         *_nominal(data),
         *_disturbances(data),
-        *_allocation(data),
+        *contact_errors(data),
         *_times(data),
         *_rates(data),
         *_ramps(data),
@@ -44,31 +50,6 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
     ]
 
 
-def _part(data: Any, *location: int | str) -> Any:
-    """Return the value at a location, or None."""
-    for key in location:
-        try:
-            data = data[key]
-        except (KeyError, IndexError, TypeError):
-            return None
-    return data
-
-
-def _items(data: Any, *location: int | str) -> list[Any]:
-    """Return the entries of a list; empty if the list is too long."""
-    found = _part(data, *location)
-    return list(found) if isinstance(found, list | tuple) and len(found) <= MAX_ENTRIES else []
-
-
-def _named(data: Any, *location: int | str) -> dict[str, Any]:
-    found = _part(data, *location)
-    return found if isinstance(found, dict) and len(found) <= MAX_ENTRIES else {}
-
-
-def _names(items: list[Any]) -> list[str]:
-    return [name for item in items if isinstance(name := _part(item, "name"), str)]
-
-
 def _repeated(items: list[Any], location: Location) -> Iterator[ErrorMessage]:
     known_names: set[Any] = set()
     for i, item in enumerate(items):
@@ -82,29 +63,6 @@ def _repeated(items: list[Any], location: Location) -> Iterator[ErrorMessage]:
 def bodies(kind: Any) -> list[str]:
     """Names of an agent type's bodies, base first."""
     return ["base", *_names(_items(kind, "joints"))]
-
-
-def contacts(data: dict[str, Any]) -> list[str]:
-    """`agent/arm` of every contact, in the order of the file."""
-    kinds = _named(data, "agent_types")
-    return [
-        f"{name}/{arm}"
-        for agent in _items(data, "agents")
-        if isinstance(name := _part(agent, "name"), str)
-        for arm in _names(_items(kinds, str(_part(agent, "type")), "arms"))
-    ]
-
-
-def contact_types(data: dict[str, Any]) -> list[Any]:
-    """Type of every contact, in the order of `contacts`."""
-    kinds = _named(data, "agent_types")
-    return [
-        "point" if (kind := _part(arm, "contact")) is None else kind
-        for agent in _items(data, "agents")
-        if isinstance(_part(agent, "name"), str)
-        for arm in _items(kinds, str(_part(agent, "type")), "arms")
-        if isinstance(_part(arm, "name"), str)
-    ]
 
 
 def _agent_types(data: dict[str, Any]) -> Iterator[ErrorMessage]:
@@ -204,76 +162,6 @@ def _frictions(sources: list[Any], agents: list[str]) -> Iterator[ErrorMessage]:
                     )
                     break
                 friction_sources[agent] = str(_part(source, "name"))
-
-
-def _allocation(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    known = contacts(data)
-    leaders = _items(data, "allocation", "leader_contacts")
-    for i, contact in enumerate(leaders):
-        location: Location = ("allocation", "leader_contacts", i)
-        if isinstance(contact, str) and contact not in known:
-            yield location, unknown_name_message(contact, known, "a contact")
-        elif contact in leaders[:i]:
-            yield location, f"{format_value(contact)} is named twice"
-    yield from _contact_pairs(data, ("allocation", "internal", "squeeze_pairs"), known)
-    for section in ("allocation", "physics"):
-        yield from _contact_limits(data, (section, "contact"), known)
-    yield from _contact_types(data, known)
-
-
-def _contact_types(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMessage]:
-    """Check what contacts that bear moments require: normals, and a plant that has them."""
-    normals, types = _part(data, "physics", "contact", "normal"), contact_types(data)
-    given = normals if isinstance(normals, dict) else {}
-    soft = [name for name, kind in zip(known, types, strict=True) if kind == "soft_finger"]
-    if missing := [name for name in soft if name not in given]:
-        yield (
-            ("physics", "contact"),
-            f"requires `normal` of every contact of type soft_finger; missing: {', '.join(missing)}",
-        )
-    if _part(data, "physics", "contact", "torsional_friction_m") is not None and not soft:
-        yield ("physics", "contact", "torsional_friction_m"), "requires a contact of type soft_finger (agent_types: arms)"
-    if any(kind != "point" for kind in types):
-        for location, wrong, required in (
-            (("contact_forces", "kind"), _part(data, "contact_forces", "kind") not in (None, "tip_sensors"), "tip_sensors"),
-            (("sensors", "payload_imu"), _part(data, "sensors", "payload_imu") is False, "true"),
-        ):
-            if wrong:
-                yield location, f"must be {required} with contacts that bear moments (agent_types: arms: contact)"
-    if _part(data, "physics", "kind") == "mujoco" and any(kind != "point" for kind in types):
-        yield ("physics", "kind"), "mujoco supports contacts of type point alone; use kind: rigid"
-
-
-def _contact_pairs(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:
-    for i, pair in enumerate(_items(data, *location)):
-        ends = [pair[k] for k in (0, 1)] if isinstance(pair, list | tuple) and len(pair) > 1 else []
-        for k, contact in enumerate(ends):
-            if isinstance(contact, str) and contact not in known:
-                yield (*location, i, k), unknown_name_message(contact, known, "a contact")
-            elif isinstance(contact, str) and k == 1 and contact == ends[0]:
-                yield (*location, i, k), "must be another contact than the first of the pair"
-
-
-def _contact_limits(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:
-    limits = _part(data, *location)
-    normals = _part(data, *location, "normal")
-    if not isinstance(limits, dict):
-        return
-    normals = normals if isinstance(normals, dict) else {}
-    for name, axis in normals.items():
-        if name not in known:
-            yield (*location, "normal", name), unknown_name_message(name, known, "a contact")
-        elif isinstance(axis, list | tuple) and not any(axis):
-            yield (*location, "normal", name), "must not be zero"
-    for setting in ("friction", "min_force_N"):
-        if limits.get(setting) is not None and (missing := [name for name in known if name not in normals]):
-            yield (
-                (*location, setting),
-                f"requires `contact.normal` of every contact; missing: {', '.join(missing)}",
-            )
-    least, most = _number(data, *location, "min_force_N"), _number(data, *location, "max_force_N")
-    if least > most:
-        yield (*location, "min_force_N"), f"must not exceed max_force_N = {most:g}, got {least:g}"
 
 
 UPDATE_TIMES_PATH = ("learning", "update_times_s")  # location in the data
@@ -395,13 +283,6 @@ def model_outputs(data: dict[str, Any]) -> int:
 def _joints(data: dict[str, Any]) -> int:
     kinds = _named(data, "agent_types")
     return sum(len(_items(kinds, str(_part(agent, "type")), "joints")) for agent in _items(data, "agents"))
-
-
-def _number(data: Any, *location: int | str) -> float:
-    """Return the number at a location; NaN, for which every comparison is false, if there is no usable number."""
-    found = _part(data, *location)
-    fits = isinstance(found, int | float) and not isinstance(found, bool) and abs(found) <= 1e100
-    return float(found) if fits else math.nan
 
 
 def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from colift.runtime import bounded_read
-from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema import Pose, Section
 
 POSITION_COLUMNS, ATTITUDE_COLUMNS = ("time_s", "x_m", "y_m", "z_m"), ("roll_deg", "pitch_deg", "yaw_deg")

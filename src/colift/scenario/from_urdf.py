@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from colift.scenario import fields, names
-from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.errors import ErrorMessage, ScenarioError, format_value, unknown_name_message
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema import ZERO, AgentType, Name, Section
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from colift.models import grasp, parameters
+from colift.models import aerial_manipulator, grasp, parameters
 from colift.models.parameters import AerialManipulator, KinematicTree, Team
 from colift.scenario import schema, team
 from colift.scenario.errors import ScenarioError
@@ -77,16 +77,24 @@ def _fixed_attitudes(settings: schema.Scenario, truth: Team) -> Iterator[Structu
     if truth.is_rigid_assembly:
         return
     for group, members in zip(truth.agent_groups, team.group_agents(settings), strict=True):
-        tree = group.tree
-        for b, kind in enumerate(tree.contact_types):
-            moving = tree.ancestors[tree.tip_bodies[b]] & ~np.array(tree.prismatic, dtype=bool)
-            if kind == parameters.RIGID and moving.sum() < 3:
+        for b, kind in enumerate(group.tree.contact_types):
+            if kind == parameters.RIGID and (rank := _rotation_rank(group, b)) < 3:
                 yield StructuralError(
-                    f"{', '.join(agent.name for agent in members)}: {moving.sum()} revolute joints before a rigid grip; "
-                    "three are required, so that the attitude of an agent can differ from that of the payload, unless "
-                    "no agent of the team has joints and all grips are rigid",
+                    f"{', '.join(agent.name for agent in members)}: the joints before a rigid grip rotate it about "
+                    f"{rank} of 3 axes, which fixes the attitude of the agent to that of the payload; this is possible "
+                    "only if no agent of the team has joints and all grips are rigid",
                     "give the arm a wrist with three axes (agent_types: joints), or contact: point",
                 )
+
+
+def _rotation_rank(group: AerialManipulator, arm: int) -> int:
+    """Return the number of axes about which joints rotate the tip of an arm, at random joint positions."""
+    own = parameters.select_agent(group, 0)
+    if not group.tree.joints:
+        return 0
+    r = np.random.default_rng(0).uniform(-1.0, 1.0, group.tree.joints)
+    J = np.asarray(aerial_manipulator.forward_kinematics(own, r).J_omega)[group.tree.tip_bodies[arm]]
+    return int(np.linalg.matrix_rank(J, RANK_TOLERANCE))
 
 
 def _contacts_on_a_line(truth: Team, names: tuple[str, ...]) -> Iterator[StructuralError]:

@@ -102,7 +102,9 @@ def nominal_posture(settings: schema.Scenario) -> tuple[Array, ...]:
 
 def _team(settings: schema.Scenario, kinds: dict[str, schema.AgentType], payload: schema.Payload) -> Team:
     return Team(
-        agent_groups=tuple(stack_agents([_agent(settings, kinds[a.type], a) for a in group]) for group in group_agents(settings)),
+        agent_groups=tuple(
+            stack_agents([_agent(settings, kinds[a.type], a) for a in group]) for group in group_agents(settings)
+        ),
         payload=Payload(mass=array(payload.mass_kg), inertia=array(payload.inertia_kgm2)),
         gravity=array(settings.gravity_mps2),
     )

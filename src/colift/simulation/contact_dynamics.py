@@ -1,8 +1,8 @@
 """Rigid-contact dynamics: accelerations, contact forces and a time step on the constraint manifold.
 
 Each agent is coupled to the others only through the payload, so it is eliminated separately. With the contact Jacobian
-A and the mass matrix M, `S = A M^-1 A^T` has size 3n x 3n for n arms with point contacts. One 6 x 6 system for the payload acceleration
-remains, and back-substitution yields every contact force. The cost is O(N) for N agents.
+A and the mass matrix M, `S = A M^-1 A^T` has size 3n x 3n for n arms with point contacts. One 6 x 6 system for the
+payload acceleration remains, and back-substitution yields every contact force. The cost is O(N) for N agents.
 """
 
 from __future__ import annotations

@@ -191,8 +191,9 @@ def _with_moments(
     """Add the readings of tip moments to the agents whose contacts bear moments."""
 
     def in_tip(
-        agent: AerialManipulator, q: AgentState, m: Float[Array, "arms 3"], n: Float[Array, "arms 3"]
+        agent: AerialManipulator, q: AgentState, m: Float[Array, "arms 3"], n: Float[Array, "arms 3"] | None
     ) -> Float[Array, "arms 3"]:
+        assert n is not None  # for the type checker: contacts that bear moments have noise
         g = aerial_manipulator.forward_kinematics(agent, q.r)
         tip = g.rotation[jnp.array(agent.tree.tip_bodies)]
         return jnp.einsum("bji,bj->bi", tip, m @ (truth.z.payload.R.T @ q.R)) + sensors.tip_moment * n

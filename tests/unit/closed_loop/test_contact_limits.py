@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -98,6 +100,47 @@ def test_settings_reach_the_flight():
     assert experiment.make_experiment(python_api.load_scenario("paper"), "C1").termination_limits.contacts is None
     with pytest.raises(scenario.ScenarioError, match=r"physics.contact.friction.*requires `contact.normal`"):
         python_api.load_scenario("paper", {"physics": {"kind": "rigid", "contact": {"friction": 0.6}}})
+
+
+SOFT_BEAM = {
+    "agent_types.one_arm.arms": [
+        {"name": "tip", "joint": "elbow", "tip_position_m": [0, 0, -0.12], "contact": "soft_finger"}
+    ],
+    "physics": {"kind": "rigid", "contact": {"normal": {f"agent_{j}/tip": [0, 0, 1] for j in (1, 2, 3, 4)}}},
+}
+
+
+def test_a_soft_finger_bears_a_moment_until_it_slips():
+    setup = experiment.make_experiment(python_api.load_scenario("beam", SOFT_BEAM), "C1")
+    rows = flight.run_experiment(dataclasses.replace(setup, duration=2.0))
+    assert not rows.termination_reason
+    moments = np.asarray(rows.records.contact_moment)
+    assert np.abs(moments[..., 2]).max() > 0.02
+    assert np.abs(moments[..., :2]).max() < 1e-12  # the contact bears no other moment
+    forces = np.einsum("tci,tij->tcj", rows.records.lam, rows.records.R_L)
+    largest = float((np.abs(moments[..., 2]) / forces[..., 2]).max())
+    limited = {"physics.contact.torsional_friction_m": 0.9 * largest}
+    setup = experiment.make_experiment(python_api.load_scenario("beam", SOFT_BEAM | limited), "C1")
+    found = flight.run_experiment(dataclasses.replace(setup, duration=2.0))
+    assert "slips about its normal: moment" in found.termination_reason
+    assert "physics.contact.torsional_friction_m" in found.termination_reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"physics": {"kind": "rigid"}},
+            "requires `normal` of every contact of type soft_finger; missing",
+        ),
+        ({"physics.contact.torsional_friction_m": -1}, "torsional_friction_m"),
+    ],
+)
+def test_settings_of_soft_fingers_are_checked(changes, message):
+    with pytest.raises(scenario.ScenarioError, match=message):
+        python_api.load_scenario("beam", SOFT_BEAM | changes)
+    with pytest.raises(scenario.ScenarioError, match="requires a contact of type soft_finger"):
+        python_api.load_scenario("beam", {"physics": {"kind": "rigid", "contact": {"torsional_friction_m": 0.01}}})
 
 
 @pytest.mark.long

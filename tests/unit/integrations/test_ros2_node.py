@@ -56,8 +56,9 @@ def to_messages(m: Measurement, ros_names: ros2_node.RosNames) -> dict[str, Any]
             order = np.arange(len(joints))[::-1]  # a message has its own order
             states = [joints[k] for k in order], agent.r[order], np.zeros(len(joints)), np.zeros(len(joints))
             messages[f"/{name}/joint_states"] = kind("JointState")(header, *states)
-        for arm, lam in zip(arms, agent.lam, strict=True):
-            force = kind("Wrench")(vector(lam), vector(np.zeros(3)))
+        moments = np.zeros_like(agent.lam) if agent.moment is None else agent.moment
+        for arm, lam, moment in zip(arms, agent.lam, moments, strict=True):
+            force = kind("Wrench")(vector(lam), vector(moment))
             messages[f"/{name}/{arm}/tip_force"] = kind("WrenchStamped")(header, force)
     return messages
 
@@ -86,6 +87,17 @@ def test_measurement_is_read_from_messages(random_measurement: tuple[Any, Measur
     assert jax.tree.structure(found) == jax.tree.structure(m)
     for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(m), strict=True):
         np.testing.assert_allclose(one, other, atol=1e-15)
+
+
+def test_moments_of_rigid_grips_are_read_from_messages() -> None:
+    settings = scenario.load_scenario("rigid_beam")
+    truth, _ = team.team(settings)
+    like = ros2_node._zero_measurement(truth)
+    moment = jnp.asarray(np.random.default_rng(1).normal(size=(2, 1, 3)))
+    given = dataclasses.replace(like, agents=(dataclasses.replace(like.agents[0], moment=moment),))
+    ros_names = ros2_node.names(settings)
+    found = ros2_node.measurement_from_messages(truth, ros_names, to_messages(given, ros_names))
+    np.testing.assert_array_equal(found.agents[0].moment, moment)
 
 
 def test_unusable_messages_are_refused(random_measurement: tuple[Any, Measurement]) -> None:

@@ -17,6 +17,7 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from colift.math import linalg, so3
@@ -24,7 +25,7 @@ from colift.math.linalg import matmul, matvec
 from colift.math.pytree import constant, pytree
 from colift.models import aerial_manipulator, inverse_dynamics
 from colift.models.parameters import AerialManipulator, Team
-from colift.models.state import AgentState, GeneralizedForce, PayloadState, ResidualForces, TeamInputs
+from colift.models.state import AgentInput, AgentState, GeneralizedForce, PayloadState, ResidualForces, TeamInputs
 from colift.onboard.control import realization, tracking
 from colift.onboard.control.attitude import attitude_from_thrust
 from colift.onboard.control.redundancy import motion_with_tip_constraint
@@ -72,7 +73,10 @@ def assembly(team: Team) -> Assembly:
     inertias = jnp.concatenate(
         [
             team.payload.inertia[None],
-            *(matmul(matmul(turn, g.inertia[:, 0]), linalg.transpose(turn)) for turn, g in zip(R, team.agent_groups, strict=True)),
+            *(
+                matmul(matmul(turn, g.inertia[:, 0]), linalg.transpose(turn))
+                for turn, g in zip(R, team.agent_groups, strict=True)
+            ),
         ]
     )
     mass = m.sum()
@@ -108,8 +112,8 @@ class RigidAssemblyAllocator:
     """Attitude control of the assembly, and the least inputs that generate its thrust and moment.
 
     1. The desired thrust is `f = M (a - a_g) - F_hat`. The desired attitude has its third axis along f and the heading
-       of the reference; its angular velocity follows from `f_dot = M (jerk - K_v e_a)`. The acceleration error e_a is that
-       of the present thrust. Feedback of the measured acceleration of the payload, which the angular acceleration
+       of the reference; its angular velocity follows from `f_dot = M (jerk - K_v e_a)`. The acceleration error e_a is
+       that of the present thrust. Feedback of the measured acceleration of the payload, which the angular acceleration
        changes, would be unstable.
     2. `alpha = -k_R e_R - k_w e_w - w x R^T R_d w_d`, and the thrust is `T = f . R e_3`.
     3. The inputs `(u_j, tau_j)` of least norm generate T and the moment `J alpha + w x J w - tau_hat`. A torque counts
@@ -180,10 +184,8 @@ class RigidAssemblyAllocator:
         A = jnp.concatenate(maps).transpose(1, 0, 2).reshape(4, -1)
         x = (A.T @ linalg.solve(A @ A.T, demand[:, None])[:, 0]).reshape(-1, 4)
         x = x * jnp.concatenate([jnp.ones(1), jnp.full(3, self.torque_lever)])[None]
-        ends = [0]
-        for base in body.base:
-            ends.append(ends[-1] + len(base))
-        return tuple(x[first:last] for first, last in zip(ends, ends[1:], strict=False))
+        ends = np.cumsum([len(base) for base in body.base])
+        return tuple(x[end - len(base) : end] for end, base in zip(ends, body.base, strict=True))
 
 
 def _contact_load(
@@ -200,9 +202,7 @@ def _contact_load(
     attitude = payload.R @ R
     a = tracking.point_acceleration(payload, acceleration, x[None])[0]
     lam = inputs[0] * attitude[:, 2] + f_hat.f_x - agent.mass[0] * (a - gravity)
-    q = AgentState(
-        R=attitude, x=payload.p, r=jnp.zeros(0), omega=R.T @ payload.omega, v=payload.v, r_dot=jnp.zeros(0)
-    )
+    q = AgentState(R=attitude, x=payload.p, r=jnp.zeros(0), omega=R.T @ payload.omega, v=payload.v, r_dot=jnp.zeros(0))
     _, Q, thrust = inverse_dynamics.agent_inverse_dynamics(agent, q, a - gravity, R.T @ acceleration.alpha, lam[None])
     return lam, R @ (inputs[1:] + f_hat.f_w + inputs[0] * thrust - Q)
 
@@ -239,7 +239,14 @@ class RigidGripController:
             own = slice(first, first + len(group.mass))
             first = own.stop
             requested = jax.vmap(_inputs, in_axes=(0, 0, 0, 0, 0, None, None, None))(
-                group, q, forces.lam[own], forces.moments[own], f, context.estimate.payload, acceleration_cmd, team.gravity
+                group,
+                q,
+                forces.lam[own],
+                forces.moments[own],
+                f,
+                context.estimate.payload,
+                acceleration_cmd,
+                team.gravity,
             )
             limited, at_limit = realization.limit_thrust(group, requested)
             inputs.append(limited)
@@ -256,7 +263,7 @@ def _inputs(
     payload: PayloadState,
     acceleration_cmd: tracking.AccelerationCommand,
     gravity: Float[Array, "3"],
-):
+) -> AgentInput:
     """Return the inputs of one agent for its contact force [N, world] and moment [N m, payload frame]."""
     g = aerial_manipulator.forward_kinematics(agent, q.r)
     p = aerial_manipulator.centroidal_model(agent, g)

@@ -49,7 +49,8 @@ class AgentBalance:
 
     Attributes:
         R: Attitudes of the bases, body to world.
-        y: Residual without contact forces, with tip moment readings: force [N, world], moments [N m, base frame], joint torques [N m or N].
+        y: Residual without contact forces, with tip moment readings: force [N, world], moments [N m, base frame],
+            joint torques [N m or N].
         J_tip: Jacobians of the tips, base frame, by arm [m or 1]; the moments of ``A lam`` are their transposes.
         measured: Tip force readings, on the payload [N, base frame].
         x: Inputs of the residual models.

@@ -307,11 +307,7 @@ def _update(
         for (_, of_agents, agent_state), base_frame in zip(found, forces.base_frame, strict=True)
     )
     labels, agents, lam = zip(*filtered_agents, strict=True)
-    payload_label = balance.y - contact_wrench(team, payload.R, lam)
-    for _, each, _ in found:
-        if each.moment is not None:
-            in_world = (each.R * each.moment[:, None, :]).sum((0, 2))
-            payload_label = payload_label.at[3:].add(-(payload.R.T @ in_world))
+    payload_label = _without_moments(balances, balance.y - contact_wrench(team, payload.R, lam))
     averaged, filtered = _average(state, lam, b)
     inputs, motion = flatten_payload_state(payload, a), payload_state.payload_filter
     if estimator.payload_filter is not None and motion is not None:
@@ -344,6 +340,12 @@ def _update(
         lam_covariance=forces.covariance,
         sample=sample,
     ), next_state
+
+
+def _without_moments(balances: TeamBalance, label: Float[Array, "6"]) -> Float[Array, "6"]:
+    """Subtract the tip moment readings from a label of the payload."""
+    in_world = [(x.R * x.moment[:, None, :]).sum((0, 2)) for x in balances.agents if x.moment is not None]
+    return label.at[3:].add(-(balances.payload.R.T @ sum(in_world))) if in_world else label
 
 
 def _tip_reading_age(state: EstimatorState, measurement: Measurement, dt: Scalar) -> tuple[Scalar, TipReadings | None]:

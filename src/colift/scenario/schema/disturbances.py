@@ -12,7 +12,7 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Name, Plugin
 from colift.scenario.schema.shared import Centered, Named, Ramp, ResidualNorm, Sinusoid
 

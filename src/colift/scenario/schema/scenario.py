@@ -14,7 +14,8 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MAX_ENTRIES, consistency_errors
+from colift.scenario.cross_checks import consistency_errors
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema.base import Name, Plugin
 from colift.scenario.schema.certificate import Certificate, TerminationLimits
 from colift.scenario.schema.control import (

@@ -12,8 +12,8 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MAX_ENTRIES
 from colift.scenario.fields import unit
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema.base import Plugin, Section
 from colift.scenario.schema.shared import Transmitted
 

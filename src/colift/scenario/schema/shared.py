@@ -10,7 +10,7 @@ from typing import Annotated
 from pydantic import Field
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Name, Section
 
 

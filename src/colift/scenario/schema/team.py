@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from colift.scenario import fields
-from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Inertia, Name, Section, _ascending, _nonzero
 from colift.scenario.schema.shared import Delayed, Located, Mass, Named, Orientation, Ramp
 

@@ -14,7 +14,7 @@ from pydantic import (
 )
 
 from colift.scenario import fields, packing
-from colift.scenario.cross_checks import MAX_ENTRIES
+from colift.scenario.plain_data import MAX_ENTRIES
 from colift.scenario.schema.base import ZERO, Section
 from colift.scenario.schema.shared import (
     AttitudeOscillation,
