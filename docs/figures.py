@@ -41,6 +41,7 @@ FLIGHTS = {  # folder, and the command that writes it
         *(word for setting in EVENTS for word in ("--set", setting)),
     ),
     "certified": ("certify", "certified"),
+    "grips": ("study", "rigid_beam", "--case", "C1"),
 }
 COPIED = {  # figure of a page, and where it is
     "study_tracking": "study/figure_1_tracking",
@@ -48,6 +49,7 @@ COPIED = {  # figure of a page, and where it is
     "study_rho_bar": "study/figure_5_rho_bar",
     "reaction": "reaction/figure_7_reaction",
     "certificate": "certified/figure_6_certificate",
+    "rigid_beam": "grips/figure_0_team",
 }
 LIMITS_PAGE = ROOT / "docs" / "limits.md"  # its commands, figures and tables
 EVENT, BEFORE = 14.0, 9.0  # s, time of all events of that page, and start of the window before it

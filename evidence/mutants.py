@@ -238,8 +238,8 @@ MUTANTS = {
     ),
     "tip forces: transposed rotation": Mutant(
         "onboard/estimation/state_estimator.py",
-        '"bij,bj->bi", g.rotation',
-        '"bji,bj->bi", g.rotation',
+        '"bij,bj->bi", tips, lam',
+        '"bji,bj->bi", tips, lam',
         "unit/onboard/test_state_estimator",
         "test_first_estimate_without_noise_is_the_true_state",
     ),
