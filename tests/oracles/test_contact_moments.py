@@ -116,7 +116,7 @@ def test_onset_of_torsional_slip_equals_mujoco(friction: float, normal: float) -
         friction=jnp.array(1.0),
         min_force=jnp.array(0.0),
         max_force=jnp.array(np.inf),
-        torsional_friction=jnp.array(friction),
+        torsional_friction=jnp.array([friction]),
     )
     excess = lambda share: termination.contact_excess(  # noqa: E731
         limits, jnp.array([[0.0, 0.0, normal]]), jnp.array([[0.0, 0.0, share * onset]])

@@ -205,6 +205,13 @@ def test_actuators_have_the_virtual_work_of_the_inputs() -> None:
     assert d.qfrc_actuator @ d.qvel == pytest.approx(work, rel=1e-12)
 
 
+def test_contacts_that_bear_moments_are_refused() -> None:
+    settings = scenario.load_scenario("rigid_beam")
+    truth, _ = team.team(settings)
+    with pytest.raises(ValueError, match="contacts of type soft_finger or rigid are not supported"):
+        mjcf.to_mjcf(truth, initial_states.equilibrium_state(settings, truth))
+
+
 def test_number_of_names_is_checked() -> None:
     team, z = teams.reference_team(), teams.reference_guess()
     with pytest.raises(ValueError, match="names: 1 given for 2 agents"):

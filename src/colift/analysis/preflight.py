@@ -44,6 +44,7 @@ from colift.scenario import (
     termination,
 )
 
+MAX_UNTRACKED_TILT_DEG = 1.0  # tilt of a reference that counts as level
 MAX_GRASP_CONDITION = 30.0  # of the grasp matrix with moments divided by the RMS distance of the contacts
 MAX_LINEARIZED_JOINTS = 8  # of an agent; the time of compilation grows with them, with 10 to 100 s
 MAX_BUILT_JOINTS = 16  # of an agent; the equations of a larger one take more than a minute to compile
@@ -158,7 +159,7 @@ def _check_built(
     z = initial_states.equilibrium_state(settings, truth)
     found.add([_thrust(settings, case_experiment, z, thrust_margin)])
     for findings in (
-        thrust_loss.check_losses(settings, truth, z),
+        *([] if truth.is_rigid_assembly else [thrust_loss.check_losses(settings, truth, z)]),
         _reference(settings, truth),
         _joints(settings, truth, z),
         _limits(settings, z),
@@ -420,6 +421,15 @@ def _reference(settings: Scenario, truth: Team) -> Iterator[Finding]:
     if (found := reference_checks.check_reference(settings, truth)) is not None:
         level = Level.failed if found.advice else Level.passed
         yield Finding("reference", found.message, found.values, found.advice, level)
+    if truth.is_rigid_assembly and (tilt := reference_checks.largest_tilt(settings)) > MAX_UNTRACKED_TILT_DEG:
+        yield Finding(
+            "attitude",
+            f"the reference tilts by up to {tilt:.3g} deg; a team that is one rigid body does not track this, "
+            "because its attitude follows from the accelerations",
+            {"largest_tilt_deg": tilt},
+            ("use a level reference, or vehicles with joints",),
+            Level.weak,
+        )
 
 
 def _learnable(settings: Scenario, experiment: flight.Experiment, state: State) -> Iterator[Finding]:

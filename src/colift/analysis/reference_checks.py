@@ -179,6 +179,20 @@ def _along(reference: base.ReferenceTrajectory, t: Array) -> base.PayloadSetpoin
     return reference.evaluate(t)
 
 
+def largest_tilt(settings: Scenario) -> float:
+    """Compute the largest angle between the third axis of the reference and the vertical.
+
+    Args:
+        settings: Scenario.
+
+    Returns:
+        The angle [deg].
+    """
+    t = jnp.linspace(0.0, settings.duration_s, SAMPLES)
+    R = _along(trajectories.make_reference(settings), t).R
+    return float(np.rad2deg(np.arccos(np.clip(np.asarray(R)[:, 2, 2], -1, 1)).max()))
+
+
 def _leg(given: schema.Waypoints | schema.Sampled, t: float) -> str:
     """Describe the leg between poses that contains a time."""
     if isinstance(given, schema.Sampled):

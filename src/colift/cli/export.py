@@ -43,7 +43,7 @@ def mjcf(
         text = mjcf.to_mjcf(truth, initial_states.initial_state(settings, truth), *names)
         if out is not None:
             atomic_write.write_atomic(out, text.encode())
-    except (scenario.ScenarioError, OSError) as error:
+    except (scenario.ScenarioError, ValueError, OSError) as error:
         common.fail(error)
     with common.guard_output():
         print(text if out is None else f"{settings.name} is in {out}", end="" if out is None else "\n")

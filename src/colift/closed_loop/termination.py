@@ -31,7 +31,8 @@ class ContactLimits:
     friction: Scalar  # largest tangential over normal force; inf: no limit
     min_force: Scalar  # N, smallest normal force; -inf: no limit
     max_force: Scalar  # N, largest norm; inf: no limit
-    torsional_friction: Scalar | None = None  # m, largest moment about the normal over the normal force; None: no limit
+    torsional_friction: Float[Array, "contacts"] | None = None  # m, largest moment about the normal over the normal
+    # force of soft fingers; inf: no limit. None: no contact has one
 
 
 @pytree
@@ -136,7 +137,10 @@ def contact_excess(
     slips = jnp.where((opens > 0) | jnp.isinf(limits.friction), 0.0, tangential - limits.friction * normal)
     excesses = [slips, opens, size - limits.max_force]
     if moments is not None and limits.torsional_friction is not None:
-        excesses.append(jnp.abs((limits.normal * moments).sum(-1)) - limits.torsional_friction * normal)
+        unlimited = jnp.isinf(limits.torsional_friction)
+        largest = jnp.where(unlimited, 0.0, limits.torsional_friction) * normal
+        moment = jnp.abs((limits.normal * moments).sum(-1))
+        excesses.append(jnp.where(unlimited, -jnp.inf, moment - largest))
     return excesses
 
 
@@ -180,7 +184,7 @@ def format_contact_cause(
         TerminationCause.TORSIONAL_SLIP: (
             f"slips about its normal: moment {moment:.3g} N m, normal force {normal:.3g} N",
             "torsional_friction_m",
-            limits.torsional_friction or 0.0,
+            0.0 if limits.torsional_friction is None else limits.torsional_friction[worst],
         ),
     }[cause]
     return f"contact {names[worst]} {description} at t = {t:.3f} s, beyond physics.contact.{setting} = {float(limit):g}"

@@ -117,7 +117,12 @@ def to_mjcf(
 
     Returns:
         The XML document.
+
+    Raises:
+        ValueError: If a contact bears moments.
     """
+    if team.zero_contact_moments is not None:
+        raise ValueError("MJCF: contacts of type soft_finger or rigid are not supported (agent_types: arms: contact)")
     parts = tuple(_parts(team, state, names, joints, contacts))
     root = Element("mujoco", model="colift")
     SubElement(root, "compiler", angle="radian", inertiafromgeom="false")

@@ -59,7 +59,13 @@ def _contact_types(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMess
     """Check what contacts that bear moments require: normals, and a plant that has them."""
     normals, types = part(data, "physics", "contact", "normal"), contact_types(data)
     given = normals if isinstance(normals, dict) else {}
+    rigid = {name for name, kind in zip(known, types, strict=True) if kind == "rigid"}
+    for i, fault in enumerate(items(data, "faults")):
+        if part(fault, "kind") == "contact" and part(fault, "who") in rigid and part(fault, "end_s") is not None:
+            yield ("faults", i, "end_s"), "is not available for a contact of type rigid, which does not close again"
     soft = [name for name, kind in zip(known, types, strict=True) if kind == "soft_finger"]
+    if part(data, "physics", "kind") == "plugin":
+        given = dict.fromkeys(soft)  # reported below
     if missing := [name for name in soft if name not in given]:
         yield (
             ("physics", "contact"),
@@ -81,8 +87,9 @@ def _contact_types(data: dict[str, Any], known: list[str]) -> Iterator[ErrorMess
         ):
             if wrong:
                 yield location, f"must be {required} with contacts that bear moments (agent_types: arms: contact)"
-    if part(data, "physics", "kind") == "mujoco" and any(kind != "point" for kind in types):
-        yield ("physics", "kind"), "mujoco supports contacts of type point alone; use kind: rigid"
+    plant = part(data, "physics", "kind")
+    if plant in ("mujoco", "plugin") and any(kind != "point" for kind in types):
+        yield ("physics", "kind"), f"{plant} supports contacts of type point alone; use kind: rigid"
 
 
 def _contact_pairs(data: dict[str, Any], location: Location, known: list[str]) -> Iterator[ErrorMessage]:

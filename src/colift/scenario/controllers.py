@@ -314,16 +314,19 @@ def _assembly_allocator(settings: schema.Scenario, gain: tracking.Gains) -> rigi
     Raises:
         ScenarioError: If the scenario has settings that apply to point contacts alone.
     """
-    given, delays = settings.allocation, [x for x in settings.faults if isinstance(x, schema.LinkFault)]
+    given = settings.allocation
+    kinds = {type(fault) for fault in settings.faults}
     for setting, wrong in (
         (f"allocation.kind: {given.kind}", not isinstance(given, schema.LeastSquaresAllocation)),
         ("allocation.internal", given.internal is not None),
-        ("a fault of kind link", bool(delays)),
+        ("control.preview_step_s", settings.control.preview_step_s is not None),
+        ("faults: kind: link", schema.LinkFault in kinds),
+        ("faults: kind: contact", schema.ContactFault in kinds),
     ):
         if wrong:
             raise ScenarioError(
-                f"{settings.name}: {setting} requires contacts that do not fix the attitude of every agent to the "
-                "payload; a team that is one rigid body has allocation.kind: least_squares without internal forces"
+                f"{settings.name}: {setting} is not available for vehicles without joints with rigid grips, which form "
+                "one rigid body with the payload"
             )
     return rigid_assembly.RigidAssemblyAllocator(gains=gain)
 

@@ -272,7 +272,7 @@ def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def log_size(data: dict[str, Any]) -> int:
     """Return an upper bound of the number of values per tick in the log."""
-    return 120 + 54 * len(_items(data, "agents")) + 6 * _joints(data) + 17 * len(contacts(data))
+    return 120 + 54 * len(_items(data, "agents")) + 6 * _joints(data) + 20 * len(contacts(data))
 
 
 def model_outputs(data: dict[str, Any]) -> int:

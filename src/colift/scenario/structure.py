@@ -77,6 +77,12 @@ def _fixed_attitudes(settings: schema.Scenario, truth: Team) -> Iterator[Structu
     if truth.is_rigid_assembly:
         return
     for group, members in zip(truth.agent_groups, team.group_agents(settings), strict=True):
+        if group.tree.contact_types.count(parameters.RIGID) > 1:
+            yield StructuralError(
+                f"{', '.join(agent.name for agent in members)}: more than one rigid grip; their forces and moments are "
+                "not unique, or they fix the attitude of the agent",
+                "give an agent one rigid grip at most (agent_types: arms: contact)",
+            )
         for b, kind in enumerate(group.tree.contact_types):
             if kind == parameters.RIGID and (rank := _rotation_rank(group, b)) < 3:
                 yield StructuralError(

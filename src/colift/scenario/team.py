@@ -66,6 +66,12 @@ def contact_names(settings: schema.Scenario) -> tuple[str, ...]:
     )
 
 
+def contact_types(settings: schema.Scenario) -> tuple[str, ...]:
+    """Return the type of every contact, in team order."""
+    kinds = settings.agent_types
+    return tuple(arm.contact for group in group_agents(settings) for agent in group for arm in kinds[agent.type].arms)
+
+
 def joint_names(settings: schema.Scenario) -> tuple[str, ...]:
     """Return `agent/joint` of every joint, in team order."""
     kinds = settings.agent_types

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from colift.closed_loop import termination
-from colift.models import grasp
+from colift.models import grasp, parameters
 from colift.models.parameters import Team
 from colift.models.state import ResidualForces, State, Wrench, zero_residual
 from colift.onboard import controller, interfaces
@@ -52,13 +52,17 @@ def _contact_limits(settings: schema.Scenario) -> termination.ContactLimits | No
         return None
     contact, names = given.contact, team.contact_names(settings)
     normals = np.array([(contact.normal or {}).get(name, (0.0, 0.0, 1.0)) for name in names])  # required where used
-    least = contact.min_force_N if contact.friction is None else contact.min_force_N or 0.0
+    torsional = contact.torsional_friction_m
+    with_friction = contact.friction is not None or torsional is not None  # such contacts can only press
+    least = contact.min_force_N or 0.0 if with_friction else contact.min_force_N
     return termination.ContactLimits(
         normal=array(normals / np.linalg.norm(normals, axis=1, keepdims=True)),
         friction=array(np.inf if contact.friction is None else contact.friction),
         min_force=array(-np.inf if least is None else least),
         max_force=array(np.inf if contact.max_force_N is None else contact.max_force_N),
-        torsional_friction=None if contact.torsional_friction_m is None else array(contact.torsional_friction_m),
+        torsional_friction=None
+        if torsional is None
+        else array([torsional if kind == parameters.SOFT_FINGER else np.inf for kind in team.contact_types(settings)]),
     )
 
 

@@ -126,6 +126,16 @@ def test_a_soft_finger_bears_a_moment_until_it_slips():
     assert "physics.contact.torsional_friction_m" in found.termination_reason
 
 
+def test_torsional_friction_limits_soft_fingers_alone():
+    """A contact of another type does not slip about its normal, also where it pulls."""
+    of = dataclasses.replace(limits(), torsional_friction=jnp.array([0.01, np.inf, np.inf]))
+    forces, moments = 5.0 * UP, np.zeros((3, 3))
+    forces[1, 2], moments[2, 2] = -5.0, 3.0
+    assert np.array(termination.contact_excess(of, jnp.asarray(forces), jnp.asarray(moments))[3]).max() < 0
+    moments[0, 2] = 0.051
+    assert termination.contact_excess(of, jnp.asarray(forces), jnp.asarray(moments))[3][0] > 0
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

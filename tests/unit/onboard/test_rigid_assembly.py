@@ -36,13 +36,19 @@ EXACT = {
 
 
 def random_case(seed: int) -> tuple[controller.LeaderFollowerController, State, ResidualForces]:
-    """Return a controller of two unequal vehicles on a beam, a random state of the team, and random residuals."""
+    """Return a controller of three unequal vehicles on a beam, a random state of the team, and random residuals."""
     rng = np.random.default_rng(seed)
     agents = [
         {"name": f"n{j}", "type": "drone", "yaw_deg": float(rng.uniform(-180, 180)), "contact_positions_m": [c]}
         for j, c in enumerate(rng.uniform(-0.6, 0.6, (3, 3)).round(3).tolist())
     ]
-    settings = python_api.load_scenario("rigid_beam", {"agents": agents})
+    heavy = {
+        "base": {"mass_kg": 2.2, "inertia_kgm2": [0.03, 0.03, 0.05], "center_of_mass_m": [0.01, 0, 0.02]},
+        "thrust_max_N": 60,
+        "arms": [{"name": "grip", "joint": "base", "tip_position_m": [0.05, 0, -0.1], "contact": "rigid"}],
+    }
+    agents[1]["type"] = "heavy"
+    settings = python_api.load_scenario("rigid_beam", {"agents": agents, "agent_types.heavy": heavy})
     _, nominal = team.team(settings)
     z = initial_states.equilibrium_state(settings, nominal)
     R, omega = so3.exp(jnp.asarray(0.3 * rng.normal(size=3))), jnp.asarray(rng.normal(size=3))
@@ -121,7 +127,7 @@ def test_the_commanded_acceleration_along_the_thrust_is_achieved() -> None:
 
 def test_a_beam_with_two_vehicles_flies() -> None:
     """It tilts for horizontal accelerations; labels of force and moment converge to the true residuals."""
-    given = python_api.load_scenario("rigid_beam", EXACT | {"duration_s": 12.0})
+    given = python_api.load_scenario("rigid_beam", EXACT | {"duration_s": 12.0, "agents.rear.yaw_deg": 90})
     rows = flight.run_experiment(experiment.make_experiment(given, "label_feedback")).records
     late = rows.t > 9
     assert np.linalg.norm(rows.e_p[late], axis=1).max() < 5e-3
@@ -134,10 +140,13 @@ def test_a_beam_with_two_vehicles_flies() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"allocation": {"kind": "constrained"}}, "allocation.kind: constrained requires contacts that do not fix"),
+        ({"allocation": {"kind": "constrained"}}, "allocation.kind: constrained is not available for vehicles"),
         ({"contact_forces": {"kind": "momentum_observer"}}, "must be tip_sensors with contacts that bear moments"),
         ({"sensors.payload_imu": False}, "must be true with contacts that bear moments"),
         ({"physics": {"kind": "mujoco"}}, "mujoco supports contacts of type point alone"),
+        ({"control.preview_step_s": 0.02}, "control.preview_step_s is not available for vehicles"),
+        ({"faults": [{"kind": "contact", "who": "rear/grip", "start_s": 3}]}, "kind: contact is not available"),
+        ({"faults": [{"kind": "contact", "who": "rear/grip", "start_s": 3, "end_s": 4}]}, "does not close again"),
     ],
 )
 def test_settings_for_point_contacts_are_refused(changes: dict, message: str) -> None:

@@ -29,6 +29,7 @@ DEVIATIONS = {
     "accelerometer": 5e-2,
     "joint_position": 1.7e-3,
     "tip_force": 0.1,
+    "tip_moment": 0.005,
     "tip_force_bias": 0.05,
     "tip_force_bandwidth": 50.0,
 }

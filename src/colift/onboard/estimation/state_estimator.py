@@ -523,7 +523,9 @@ def _update_agent(
         R=base.R, y=modelled, J_tip=p.J_tip, measured=jnp.einsum("bij,bj->bi", tips, lam), x=flatten_agent_state(q)
     )
     if m.moment is not None:
-        moments = jnp.einsum("bij,bj->bi", tips, m.moment)
+        closed = agent.closed_contacts
+        reading = m.moment if closed is None else closed[:, None] * m.moment
+        moments = jnp.einsum("bij,bj->bi", tips, reading)
         load = inverse_dynamics.contact_moment_load(agent, p, moments)
         balance = dataclasses.replace(balance, y=modelled.at[3:].add(load), moment=moments.sum(0))
     filtered = dataclasses.replace(state, base=fused, bias=bias, r=r, r_dot=r_dot, encoder=encoder)

@@ -50,7 +50,7 @@ class PlantContactLimits(ContactLimits):
     """Limits of the contact forces and moments of the plant."""
 
     torsional_friction_m: fields.LeverArm | None = None
-    """Largest moment about the normal over the normal force, of soft fingers; default: no limit."""
+    """Largest moment about the normal over the normal force of soft fingers; `min_force_N` is then 0 by default."""
 
 
 class _Plant(Section):
