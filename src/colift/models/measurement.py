@@ -9,6 +9,9 @@ from jaxtyping import Array, Bool, Float, PyTree
 from colift.math.pytree import pytree
 from colift.models.state import ResidualForces, State
 
+ContactFlags = tuple[Bool[Array, "_agents _arms"], ...]
+"""A property of each contact, by group."""
+
 
 @pytree
 class AgentReading:
@@ -70,4 +73,4 @@ class Measurement:
     measurement_age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)
     extra: dict[str, PyTree] = dataclasses.field(default_factory=dict)
     link_delay_s: Float[Array, "team"] | None = None
-    regrasped: tuple[Bool[Array, "_agents _arms"], ...] | None = None
+    regrasped: ContactFlags | None = None
