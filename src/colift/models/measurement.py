@@ -65,6 +65,8 @@ class Measurement:
         link_delay_s: Delay of the leader's message that arrives at each agent in this period [s]; negative if none
             arrives. None if every message arrives in the period in which it is sent.
         regrasped: True for contacts whose gripper reports that it has closed again, by group. None if no contact can.
+        ungrasped: True for contacts whose gripper has not closed since the start, by group. None if all were closed at
+            the start.
     """
 
     agents: tuple[AgentReading, ...]
@@ -74,3 +76,4 @@ class Measurement:
     extra: dict[str, PyTree] = dataclasses.field(default_factory=dict)
     link_delay_s: Float[Array, "team"] | None = None
     regrasped: ContactFlags | None = None
+    ungrasped: ContactFlags | None = None

@@ -291,11 +291,11 @@ def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.Effectiven
 def _contact_monitor(settings: schema.Scenario, nominal: Team) -> contact_monitor.ContactMonitor | None:
     """Return the detection of open contacts.
 
-    None without agents with several arms, without noisy tip sensors, or without inertial sensors of the payload, which
-    determine the noise of its estimated pose.
+    None without noisy tip sensors, or without inertial sensors of the payload, which determine the noise of its
+    estimated pose.
     """
-    given, arms = settings.sensors, max(group.tree.arms for group in nominal.agent_groups)
-    if arms < 2 or settings.contact_forces.kind != "tip_sensors" or given.tip_force_N == 0 or not given.payload_imu:
+    given = settings.sensors
+    if settings.contact_forces.kind != "tip_sensors" or given.tip_force_N == 0 or not given.payload_imu:
         return None
     noise = contact_monitor.ReadingNoise(
         position=given.position_m,

@@ -94,6 +94,7 @@ def _faults(settings: schema.Scenario, truth: Team) -> faults.Faults | None:
         mixers=_mixers(settings, truth) if rotors else (),
         release_time=_contact_times(settings, {fault.who: fault.start_s for fault in opened}),
         regrasp_time=_contact_times(settings, {fault.who: fault.end_s for fault in opened if fault.end_s is not None}),
+        starts_open=any(fault.start_s == 0 for fault in opened),
     )
 
 

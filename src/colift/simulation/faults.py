@@ -93,6 +93,7 @@ class Faults:
     mixers: tuple[RotorMixer, ...] = ()  # rotors of each group; empty without faults of single rotors
     release_time: tuple[Float[Array, "_agents _arms"], ...] | None = None  # s, by group; inf: never. None: no release
     regrasp_time: tuple[Float[Array, "_agents _arms"], ...] | None = None  # s, by group; inf: never. None: no regrasp
+    starts_open: bool = static(default=False)  # whether contacts are open from the start, which their grippers report
 
     def rotor_forces(self, inputs: TeamInputs) -> RotorForces | None:
         """Return the rotor forces that generate the inputs [N]; None without faults of single rotors.
@@ -143,6 +144,19 @@ class Faults:
         """Return the contacts that have closed again before the flight: none. None if no contact can close again."""
         times = self.regrasp_time
         return None if times is None else tuple(jnp.zeros(time.shape, bool) for time in times)
+
+    def ungrasped(self, regrasped: ContactFlags | None) -> ContactFlags | None:
+        """Return the contacts that are open since the start; None if all were closed then.
+
+        Args:
+            regrasped: Contacts that have closed again; None if none can.
+        """
+        if self.release_time is None or not self.starts_open:
+            return None
+        opened = tuple(time <= 1e-9 for time in self.release_time)
+        if regrasped is None:
+            return opened
+        return tuple(is_open & ~closed for is_open, closed in zip(opened, regrasped, strict=True))
 
     def team_at(self, team: Team, t: Scalar, regrasped: ContactFlags | None = None) -> Team:
         """Return the true parameters with the compliance of open contacts.

@@ -200,6 +200,11 @@ class SimulatedWorld:
             f=zero_residual(self.team),
         )
 
+    def _with_grippers(self, measurement: Measurement, regrasped: ContactFlags | None) -> Measurement:
+        """Return the measurement with the reports of the grippers."""
+        ungrasped = None if self.faults is None else self.faults.ungrasped(regrasped)
+        return dataclasses.replace(measurement, regrasped=regrasped, ungrasped=ungrasped)
+
     def _at_rest(self, state: State) -> tuple[Measurement, tuple[Any, ...]]:
         """Return the measurement at rest and the initial states of the additional sensors."""
         sensed = self.sensed_at_rest(state)
@@ -207,8 +212,8 @@ class SimulatedWorld:
         measurement = sensors_module.measure(
             self.team, self.sensors, jax.tree.map(jnp.zeros_like, self.tip_force_bias), sensed, zero_noise.sensors
         )
-        regrasped = None if self.faults is None else self.faults.initial_regrasps()
-        measurement = dataclasses.replace(measurement, regrasped=regrasped)
+        if self.faults is not None:
+            measurement = self._with_grippers(measurement, self.faults.initial_regrasps())
         sensor_states, clock = [], ControlClock(t=jnp.zeros(()), dt=jnp.zeros(()))
         for sensor, sensor_noise in zip(self.sensor_models, zero_noise.sensor_models, strict=True):
             sensor_states.append(sensor.init(measurement))
@@ -281,7 +286,7 @@ class SimulatedWorld:
             f=f,
         )
         measurement = sensors_module.measure(self.team, self.sensors, self.tip_force_bias, sensed, noise.sensors)
-        measurement = dataclasses.replace(measurement, regrasped=state.regrasped)
+        measurement = self._with_grippers(measurement, state.regrasped)
         sensor_states = []
         for sensor, sensor_state, sensor_noise in zip(
             self.sensor_models, state.sensors, noise.sensor_models, strict=True
