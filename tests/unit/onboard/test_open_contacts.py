@@ -82,7 +82,7 @@ def test_an_open_contact_stays_open():
     np.testing.assert_array_equal(found[1], [True, True])
 
 
-def test_a_contact_is_open_from_the_start_by_the_report_of_its_gripper():
+def test_a_gripper_reports_contacts_open_from_the_start():
     given = (jnp.array([[True, False], [False, False]]),)
     reading = dataclasses.replace(AT_REST, ungrasped=given)
     assert MONITOR.init(TEAM, reading) is given
