@@ -133,6 +133,7 @@ class LinkFault(Transmitted, _TemporaryFault):
 class ContactFault(_TemporaryFault):
     """A contact, stated as `agent/arm`, opens; no force acts there while it is open.
 
+    With a start time of 0 it is open from the start, and its gripper reports this to the controller.
     From `end_s` on it closes as soon as its tip is within 10 mm of its contact point, by a perfectly inelastic impact.
     """
 
