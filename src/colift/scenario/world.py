@@ -10,11 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from colift.models.actuator_lag import RotorMixer
 from colift.models.parameters import Team
 from colift.models.state import ResidualForces, State
 from colift.scenario import schema
 from colift.scenario import team as team_module
-from colift.scenario.conversion import actuator_lag, array, build_plugin
+from colift.scenario.conversion import actuator_lag, array, build_plugin, rotor_mixer
 from colift.scenario.errors import ScenarioError
 from colift.simulation import actuators, contact_dynamics, disturbances, faults, sensor_faults
 from colift.simulation.sensors import (
@@ -124,9 +125,9 @@ def _rotor_fault(fault: schema.RotorFault, settings: schema.Scenario) -> faults.
     )
 
 
-def _mixers(settings: schema.Scenario, truth: Team) -> tuple[actuators.RotorMixer, ...]:
+def _mixers(settings: schema.Scenario, truth: Team) -> tuple[RotorMixer, ...]:
     """Return the rotors of each group."""
-    return tuple(_ring_mixer(_ring(settings), group.thrust_max) for group in truth.agent_groups)
+    return tuple(rotor_mixer(_ring(settings), group.thrust_max) for group in truth.agent_groups)
 
 
 def _ring(settings: schema.Scenario) -> schema.Rotors:
@@ -239,12 +240,8 @@ def _actuators(settings: schema.Scenario, world: SimulatedWorld) -> actuators.Id
 
 def _limit(given: schema.LaggedMotors, thrust_max: Array) -> actuators.InputLimits:
     if given.rotors is not None:
-        return _ring_mixer(given.rotors, thrust_max)
+        return rotor_mixer(given.rotors, thrust_max)
     return actuators.BoxLimits(thrust_max=thrust_max, torque_max=array([np.inf] * len(thrust_max)))
-
-
-def _ring_mixer(ring: schema.Rotors, thrust_max: Array) -> actuators.RotorMixer:
-    return actuators.ring_mixer(ring.num_rotors, ring.radius_m, ring.moment_ratio_m, thrust_max / ring.num_rotors)
 
 
 def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:

@@ -16,10 +16,10 @@ from jaxtyping import Array, Bool, Float
 
 from colift.math.pytree import pytree, static
 from colift.models import grasp
+from colift.models.actuator_lag import RotorMixer
 from colift.models.measurement import ContactFlags, Measurement
 from colift.models.parameters import OPEN_COMPLIANCE, Team
 from colift.models.state import AgentInput, ControlClock, State, TeamInputs
-from colift.simulation.actuators import RotorMixer
 from colift.simulation.sensors import SensedState, SensorModel
 
 Scalar = Float[Array, ""]

@@ -12,13 +12,13 @@ import jax
 import numpy as np
 from pydantic import BaseModel
 
+from colift.models import actuator_lag
 from colift.onboard.control import actuator_compensation
 from colift.onboard.estimation import state_estimator
 from colift.onboard.learning import kalman_correction, residual_predictors, semiparametric
 from colift.scenario import Scenario, experiment, termination
 from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema_docs import unit_of
-from colift.simulation import actuators
 from tests.support import small_team as light
 from tests.support.varied_scenarios import changed
 
@@ -109,7 +109,7 @@ def test_rotors_limit_thrust_and_torque_jointly():
     rotors = {"num_rotors": 4, "radius_m": 0.25, "moment_ratio_m": 0.016}
     settings = light.settings(actuators={"kind": "motors", "bandwidth_Hz": 20.0, "rotors": rotors})
     limits = experiment.make_experiment(settings, "C1").world.actuators.limits
-    assert all(isinstance(limit, actuators.RotorMixer) for limit in limits)
+    assert all(isinstance(limit, actuator_lag.RotorMixer) for limit in limits)
     np.testing.assert_allclose(limits[0].force_max, 10.0)
 
 
