@@ -186,10 +186,16 @@ def loss_met(flights: dict[str, dict[str, Any]], name: str) -> bool:
     return flight["e_p_rms_m"] <= LOSS_RATIO * flights["unlimited"]["e_p_rms_m"]
 
 
+def flights_of(of: dict[str, Any], team: str, case: str) -> list[dict[str, dict[str, Any]]]:
+    """Return the flights of a team and a case for each seed that has been computed."""
+    found = (of.get(f"{team} {case} {seed}") for seed in SEEDS)
+    return [one["flights"] for one in found if one is not None]
+
+
 def counts(of: dict[str, Any], team: str, case: str) -> dict[str, tuple[int, int]]:
     """Return by flight how many meet their limits, and how many there are."""
-    groups = [of[f"{team} {case} {seed}"]["flights"] for seed in SEEDS]
-    others = groups[: len(OTHER_SEEDS)]
+    groups = flights_of(of, team, case)
+    others = [one for one in groups if "bearable" in one]
     levels = [f"{100 * level:g} %" for level in LEVELS]
     met = {name: [within(one[name], one["unlimited"]) for one in groups] for name in levels}
     met["bearable"] = [bearable_met(one) for one in others]
