@@ -34,7 +34,7 @@ from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.estimation.state_estimator import ComplementaryFilter
 from colift.onboard.learning import kalman_correction
 from colift.runtime import signals
-from colift.simulation import sensors
+from colift.simulation import sensor_faults, sensors
 from colift.simulation.world import SimulatedWorld, WorldNoise
 from colift.trajectories.base import ReferenceTrajectory
 from colift.trajectories.pose_spline import PiecewisePolynomial, PoseSpline, RotationLegs
@@ -650,7 +650,7 @@ def _ideal_sensor(sensor: sensors.SensorModel) -> sensors.SensorModel:
             return dataclasses.replace(
                 sensor, sample_period=zero, dropout_probability=zero, failure_time=jnp.full((), jnp.inf)
             )
-        case sensors.StuckReading():
+        case sensor_faults.ReadingFault():
             return dataclasses.replace(sensor, start=jnp.full((), jnp.inf))
         case sensors.BiasRandomWalk():
             return dataclasses.replace(sensor, random_walk_density=zero, initial_bias_std=zero)

@@ -9,6 +9,9 @@ from jaxtyping import Array, Bool, Float, PyTree
 from colift.math.pytree import pytree
 from colift.models.state import ResidualForces, State
 
+ContactFlags = tuple[Bool[Array, "_agents _arms"], ...]
+"""A property of each contact, by group."""
+
 
 @pytree
 class AgentReading:
@@ -63,6 +66,8 @@ class Measurement:
         link_delay_s: Delay of the leader's message that arrives at each agent in this period [s]; negative if none
             arrives. None if every message arrives in the period in which it is sent.
         regrasped: True for contacts whose gripper reports that it has closed again, by group. None if no contact can.
+        ungrasped: True for contacts whose gripper has not closed since the start, by group. None if all were closed at
+            the start.
     """
 
     agents: tuple[AgentReading, ...]
@@ -71,4 +76,5 @@ class Measurement:
     measurement_age_s: dict[str, Float[Array, ""]] = dataclasses.field(default_factory=dict)
     extra: dict[str, PyTree] = dataclasses.field(default_factory=dict)
     link_delay_s: Float[Array, "team"] | None = None
-    regrasped: tuple[Bool[Array, "_agents _arms"], ...] | None = None
+    regrasped: ContactFlags | None = None
+    ungrasped: ContactFlags | None = None

@@ -256,11 +256,14 @@ class LeaderFollowerController:
             last_shortfall=None,
             initialized=jnp.zeros(()),
             effectiveness=None if self.effectiveness_filter is None else self.effectiveness_filter.init(self.team),
-            open_contacts=None if self.contact_monitor is None else self.contact_monitor.init(self.team),
+            open_contacts=None if self.contact_monitor is None else self.contact_monitor.init(self.team, measurement),
         )
-        estimate, _ = self.estimator.update(self.team, state.estimator, measurement, zero, state.last_f_hat, clock)
+        team = (
+            self.team if self.contact_monitor is None else self.contact_monitor.acting(state.open_contacts, self.team)
+        )
+        estimate, _ = self.estimator.update(team, state.estimator, measurement, zero, state.last_f_hat, clock)
         context = ControlContext(
-            team=self.team,
+            team=team,
             clock=clock,
             measurement=measurement,
             estimate=estimate,

@@ -484,7 +484,8 @@ class AgentController(Protocol):
 class ActuatorCompensator(Protocol):
     """Compensation of the actuator dynamics.
 
-    Implementations: ``NoCompensation`` and ``LagInversion`` in ``colift.onboard.control.actuator_compensation``.
+    Implementations: ``NoCompensation``, ``LagInversion`` and ``KnownRotorLimits`` in
+    ``colift.onboard.control.actuator_compensation``.
     """
 
     def init(self, command: TeamInputs) -> PartState:

@@ -19,7 +19,7 @@ from colift.scenario.conversion import array
 from colift.scenario.errors import ScenarioError
 from colift.simulation import contact_dynamics
 from colift.simulation.faults import Faults, LinkFault
-from colift.simulation.sensors import StuckReading
+from colift.simulation.sensor_faults import ReadingFault
 
 JOINT_AMPLITUDE = (0.15, 0.01)  # rad and m, amplitude of revolute and prismatic joints
 JOINT_FREQUENCIES = (0.3, 0.7)  # Hz, frequencies of the first and of the last joint of an agent
@@ -56,7 +56,7 @@ def make_calibration(settings: schema.Scenario, experiment: flight.Experiment) -
         world,
         plant=contact_dynamics.RigidContactPlant(),
         faults=released,
-        sensor_models=tuple(each for each in world.sensor_models if not isinstance(each, StuckReading | LinkFault)),
+        sensor_models=tuple(each for each in world.sensor_models if not isinstance(each, ReadingFault | LinkFault)),
         mass_step=None,
         payload_on_ground=True,
     )

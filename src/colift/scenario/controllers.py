@@ -49,7 +49,7 @@ from colift.onboard.learning import kalman_correction, label_filter, residual_co
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
 from colift.scenario import team as team_module
-from colift.scenario.conversion import actuator_lag, array, build_plugin, once
+from colift.scenario.conversion import actuator_lag, array, build_plugin, once, rotor_mixer
 from colift.scenario.errors import ScenarioError
 
 
@@ -282,7 +282,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         ),
         allocator=allocator,
         agent_controller=_agent_controller(settings, nominal, gain),
-        actuator_compensator=_drive(settings),
+        actuator_compensator=_drive(settings, nominal),
         effectiveness_filter=health,
         contact_monitor=monitor,
         command_link=_command_link(settings, allocation_map),
@@ -344,11 +344,11 @@ def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.Effectiven
 def _contact_monitor(settings: schema.Scenario, nominal: Team) -> contact_monitor.ContactMonitor | None:
     """Return the detection of open contacts.
 
-    None without agents with several arms, without noisy tip sensors, or without inertial sensors of the payload, which
-    determine the noise of its estimated pose.
+    None without noisy tip sensors, or without inertial sensors of the payload, which determine the noise of its
+    estimated pose.
     """
-    given, arms = settings.sensors, max(group.tree.arms for group in nominal.agent_groups)
-    if arms < 2 or settings.contact_forces.kind != "tip_sensors" or given.tip_force_N == 0 or not given.payload_imu:
+    given = settings.sensors
+    if settings.contact_forces.kind != "tip_sensors" or given.tip_force_N == 0 or not given.payload_imu:
         return None
     noise = contact_monitor.ReadingNoise(
         position=given.position_m,
@@ -552,8 +552,14 @@ def _payload_filter(settings: schema.Scenario, nominal: Team) -> payload_filter.
     return payload_filter.PayloadFilter(corner=array(min(corners)), pose_delay=_pose_delay(settings, "payload") or 0)
 
 
-def _drive(settings: schema.Scenario) -> interfaces.ActuatorCompensator:
-    nominal = settings.nominal.actuators
+def _drive(settings: schema.Scenario, team: Team) -> interfaces.ActuatorCompensator:
+    nominal, true = settings.nominal.actuators, settings.actuators
+    drive: actuator_compensation.LagInversion | actuator_compensation.NoCompensation
     if nominal is None:
-        return actuator_compensation.NoCompensation()
-    return actuator_compensation.LagInversion(lag=actuator_lag(nominal, settings))
+        drive = actuator_compensation.NoCompensation()
+    else:
+        drive = actuator_compensation.LagInversion(lag=actuator_lag(nominal, settings))
+    if not isinstance(true, schema.LaggedMotors) or true.rotors is None:
+        return drive
+    limits = tuple(rotor_mixer(true.rotors, group.thrust_max) for group in team.agent_groups)
+    return actuator_compensation.KnownRotorLimits(base=drive, limits=limits)

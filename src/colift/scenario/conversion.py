@@ -15,7 +15,7 @@ from colift.closed_loop import part_checks
 from colift.math import so3
 from colift.math.linalg import matmul
 from colift.math.pytree import transfer
-from colift.models.actuator_lag import ActuatorLag
+from colift.models.actuator_lag import ActuatorLag, RotorMixer, ring_mixer
 from colift.scenario import schema
 from colift.scenario.errors import ScenarioError
 
@@ -132,3 +132,13 @@ def check_plugin(check: Callable[..., None], *arguments: Any) -> None:
         check(*arguments)
     except part_checks.PartError as error:
         raise ScenarioError(f"{error} (docs/change_a_part.md)") from error
+
+
+def rotor_mixer(ring: schema.Rotors, thrust_max: Array) -> RotorMixer:
+    """Return the rotors of a group of agents.
+
+    Args:
+        ring: Settings of the rotors.
+        thrust_max: Largest thrust of each agent [N].
+    """
+    return ring_mixer(ring.num_rotors, ring.radius_m, ring.moment_ratio_m, thrust_max / ring.num_rotors)

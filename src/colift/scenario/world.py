@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from colift.models.actuator_lag import RotorMixer
 from colift.models.parameters import Team
 from colift.models.state import ResidualForces, State
 from colift.scenario import schema
 from colift.scenario import team as team_module
-from colift.scenario.conversion import actuator_lag, array, build_plugin
+from colift.scenario.conversion import actuator_lag, array, build_plugin, rotor_mixer
 from colift.scenario.errors import ScenarioError
-from colift.simulation import actuators, contact_dynamics, disturbances, faults
+from colift.simulation import actuators, contact_dynamics, disturbances, faults, sensor_faults
 from colift.simulation.sensors import (
     BiasRandomWalk,
     CalibrationRig,
     Intermittent,
     SensorModel,
     SensorNoise,
-    StuckReading,
     Unavailable,
     sample_tip_bias,
 )
@@ -49,7 +50,7 @@ def make_world(
     """
     noise = make_sensor_noise(settings)
     models = tuple(_sensor_model(x, f"sensors.models.{i}", settings) for i, x in enumerate(settings.sensors.models))
-    models += tuple(_stuck_reading(x, settings) for x in settings.faults if isinstance(x, schema.SensorFault))
+    models += tuple(_reading_fault(x, settings) for x in settings.faults if isinstance(x, schema.SensorFault))
     models += () if settings.sensors.payload_imu else (Unavailable(channels=("payload.omega", "payload.a")),)
     models += tuple(_link(x, settings) for x in settings.faults if isinstance(x, schema.LinkFault))
     world = SimulatedWorld(
@@ -94,6 +95,7 @@ def _faults(settings: schema.Scenario, truth: Team) -> faults.Faults | None:
         mixers=_mixers(settings, truth) if rotors else (),
         release_time=_contact_times(settings, {fault.who: fault.start_s for fault in opened}),
         regrasp_time=_contact_times(settings, {fault.who: fault.end_s for fault in opened if fault.end_s is not None}),
+        starts_open=any(fault.start_s == 0 for fault in opened),
     )
 
 
@@ -123,9 +125,9 @@ def _rotor_fault(fault: schema.RotorFault, settings: schema.Scenario) -> faults.
     )
 
 
-def _mixers(settings: schema.Scenario, truth: Team) -> tuple[actuators.RotorMixer, ...]:
+def _mixers(settings: schema.Scenario, truth: Team) -> tuple[RotorMixer, ...]:
     """Return the rotors of each group."""
-    return tuple(_ring_mixer(_ring(settings), group.thrust_max) for group in truth.agent_groups)
+    return tuple(rotor_mixer(_ring(settings), group.thrust_max) for group in truth.agent_groups)
 
 
 def _ring(settings: schema.Scenario) -> schema.Rotors:
@@ -135,16 +137,47 @@ def _ring(settings: schema.Scenario) -> schema.Rotors:
     return settings.actuators.rotors
 
 
-def _stuck_reading(fault: schema.SensorFault, settings: schema.Scenario) -> StuckReading:
-    """Return the sensor model of a reading that is stuck."""
-    return StuckReading(
-        channel=f"payload.{fault.reading}" if fault.who == "payload" else f"agents.{fault.reading}",
-        stuck=tuple(
+SIZE_OF_FAILURES = 100
+"""Size of garbage and of wrong readings, as a multiple of the standard deviation of the noise."""
+
+
+def _reading_fault(fault: schema.SensorFault, settings: schema.Scenario) -> sensor_faults.ReadingFault:
+    """Return the sensor model of a reading that fails."""
+    period = 1 / settings.control_Hz
+    common: dict[str, Any] = {
+        "channel": f"payload.{fault.reading}" if fault.who == "payload" else f"agents.{fault.reading}",
+        "failed": tuple(
             jnp.asarray([agent.name == fault.who for agent in group]) for group in team_module.group_agents(settings)
         ),
-        start=array(fault.start_s),
-        end=array(fault.last_time),
+        "start": array(fault.start_s),
+        "end": array(fault.last_time),
+    }
+    if fault.to == "delayed":
+        return sensor_faults.DelayedReading(**common, delay=round(fault.delay_s * settings.control_Hz))
+    if fault.to in ("garbage", "wrong"):
+        size, none = SIZE_OF_FAILURES * _noise_of(fault.reading, make_sensor_noise(settings)), jnp.zeros(())
+        offset, noise = (size, none) if fault.to == "wrong" else (none, size)
+        return sensor_faults.WrongReading(**common, offset=offset, noise=noise)
+    return sensor_faults.HeldReading(
+        **common,
+        sample_period=array(1 / fault.rate_Hz if fault.to == "slow" else period),
+        dropout_probability=array({"slow": 0.0, "intermittent": fault.dropout_probability}.get(fault.to, 1.0)),
+        reports_age=fault.to != "stuck",
     )
+
+
+def _noise_of(reading: str, noise: SensorNoise) -> Array:
+    """Return the standard deviation of a reading."""
+    return {
+        "p": noise.position,
+        "x": noise.position,
+        "R": noise.attitude,
+        "v": noise.velocity,
+        "omega": noise.angular_velocity,
+        "a": noise.accelerometer,
+        "r": noise.joint_position,
+        "lam": noise.tip_force,
+    }[reading]
 
 
 def _link(fault: schema.LinkFault, settings: schema.Scenario) -> faults.LinkFault:
@@ -207,12 +240,8 @@ def _actuators(settings: schema.Scenario, world: SimulatedWorld) -> actuators.Id
 
 def _limit(given: schema.LaggedMotors, thrust_max: Array) -> actuators.InputLimits:
     if given.rotors is not None:
-        return _ring_mixer(given.rotors, thrust_max)
+        return rotor_mixer(given.rotors, thrust_max)
     return actuators.BoxLimits(thrust_max=thrust_max, torque_max=array([np.inf] * len(thrust_max)))
-
-
-def _ring_mixer(ring: schema.Rotors, thrust_max: Array) -> actuators.RotorMixer:
-    return actuators.ring_mixer(ring.num_rotors, ring.radius_m, ring.moment_ratio_m, thrust_max / ring.num_rotors)
 
 
 def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:

@@ -16,20 +16,16 @@ from jaxtyping import Array, Bool, Float
 
 from colift.math.pytree import pytree, static
 from colift.models import grasp
-from colift.models.measurement import Measurement
+from colift.models.actuator_lag import RotorMixer
+from colift.models.measurement import ContactFlags, Measurement
 from colift.models.parameters import OPEN_COMPLIANCE, Team
 from colift.models.state import AgentInput, ControlClock, State, TeamInputs
-from colift.simulation import contact_dynamics
-from colift.simulation.actuators import RotorMixer
 from colift.simulation.sensors import SensedState, SensorModel
 
 Scalar = Float[Array, ""]
 
 CAPTURE_DISTANCE = 0.01
 """Distance between a tip and its contact point within which an open contact can close [m]."""
-
-Contacts = tuple[Bool[Array, "_agents _arms"], ...]
-"""A property of each contact, by group."""
 
 
 @pytree
@@ -97,6 +93,7 @@ class Faults:
     mixers: tuple[RotorMixer, ...] = ()  # rotors of each group; empty without faults of single rotors
     release_time: tuple[Float[Array, "_agents _arms"], ...] | None = None  # s, by group; inf: never. None: no release
     regrasp_time: tuple[Float[Array, "_agents _arms"], ...] | None = None  # s, by group; inf: never. None: no regrasp
+    starts_open: bool = static(default=False)  # whether contacts are open from the start, which their grippers report
 
     def rotor_forces(self, inputs: TeamInputs) -> RotorForces | None:
         """Return the rotor forces that generate the inputs [N]; None without faults of single rotors.
@@ -143,12 +140,25 @@ class Faults:
             for part, given in zip(acting, inputs, strict=True)
         ), forces
 
-    def initial_regrasps(self) -> Contacts | None:
+    def initial_regrasps(self) -> ContactFlags | None:
         """Return the contacts that have closed again before the flight: none. None if no contact can close again."""
         times = self.regrasp_time
         return None if times is None else tuple(jnp.zeros(time.shape, bool) for time in times)
 
-    def team_at(self, team: Team, t: Scalar, regrasped: Contacts | None = None) -> Team:
+    def ungrasped(self, regrasped: ContactFlags | None) -> ContactFlags | None:
+        """Return the contacts that are open since the start; None if all were closed then.
+
+        Args:
+            regrasped: Contacts that have closed again; None if none can.
+        """
+        if self.release_time is None or not self.starts_open:
+            return None
+        opened = tuple(time <= 1e-9 for time in self.release_time)
+        if regrasped is None:
+            return opened
+        return tuple(is_open & ~closed for is_open, closed in zip(opened, regrasped, strict=True))
+
+    def team_at(self, team: Team, t: Scalar, regrasped: ContactFlags | None = None) -> Team:
         """Return the true parameters with the compliance of open contacts.
 
         Args:
@@ -170,34 +180,28 @@ class Faults:
         )
         return dataclasses.replace(team, agent_groups=groups)
 
-    def regrasp(self, team: Team, state: State, regrasped: Contacts | None, t: Scalar) -> tuple[State, Contacts | None]:
-        """Close the open contacts whose tips are within `CAPTURE_DISTANCE` of their contact points.
+    def regrasps(self, team: Team, state: State, regrasped: ContactFlags | None, t: Scalar) -> ContactFlags | None:
+        """Return the contacts that have closed again: now if a tip is within `CAPTURE_DISTANCE` of its contact point.
 
-        The impact is perfectly inelastic. The velocity after it is the nearest one, in the metric of the mass matrix,
-        at which no tip moves relative to its contact point (`contact_dynamics.project_to_constraints`). Impulses at the
-        contacts cause the difference. Momenta are therefore conserved, and the kinetic energy decreases by that of the
-        difference (Carnot's theorem). The same projection closes the remaining distance.
+        The projection at the end of the control period is then the impact, which is perfectly inelastic. The velocity
+        after it is the nearest one, in the metric of the mass matrix, at which no tip moves relative to its contact
+        point (`contact_dynamics.project_to_constraints`). Impulses at the contacts cause the difference. Momenta are
+        therefore conserved, and the kinetic energy decreases by that of the difference (Carnot's theorem). The same
+        projection closes the remaining distance.
 
         Args:
             team: True parameters without faults.
             state: State of the team at time t.
-            regrasped: Contacts that have closed again; None if none can.
+            regrasped: Contacts that have closed again before; None if none can.
             t: Time [s].
-
-        Returns:
-            The state after the impact, and the contacts that have closed again.
 
         References:
             Brogliato, *Nonsmooth Mechanics*, 2016 (impacts as projections in the kinetic metric).
         """
-        if self.regrasp_time is None or self.release_time is None or regrasped is None:
-            return state, regrasped
+        if self.regrasp_time is None or regrasped is None:
+            return regrasped
         gaps = grasp.split_contacts(team, grasp.constraint_residual(team, state))
-        found = tuple(
+        return tuple(
             was_closed | ((t >= time - 1e-9) & ((gap * gap).sum(-1) <= CAPTURE_DISTANCE**2))
             for was_closed, time, gap in zip(regrasped, self.regrasp_time, gaps, strict=True)
         )
-        news = [(now & ~before).any() for now, before in zip(found, regrasped, strict=True)]
-        impact = jnp.stack(news).any()
-        after = contact_dynamics.project_to_constraints(self.team_at(team, t, found), state)
-        return jax.tree.map(lambda new, old: jnp.where(impact, new, old), after, state), found

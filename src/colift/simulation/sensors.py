@@ -302,9 +302,9 @@ class Intermittent(SensorModel):
 
     def init(self, measurement: Measurement) -> Any:
         """Return a state with an empty delay line and the readings at rest."""
-        none = _select_channels(measurement, self.channels), jnp.array(False)
+        none = select_channels(measurement, self.channels), jnp.array(False)
         return IntermittentState(
-            last_reading=_select_channels(measurement, self.channels),
+            last_reading=select_channels(measurement, self.channels),
             age=jnp.zeros(()),
             next_sample_time=jnp.zeros(()),
             delay_line=(none,) * self.delay,
@@ -318,7 +318,7 @@ class Intermittent(SensorModel):
         sampled = (clock.t >= next_sample_time - 1e-9) & (clock.t < self.failure_time - 1e-9)
         (reading, is_new), *pending = (
             *state.delay_line,
-            (_select_channels(measurement, self.channels), sampled & (noise >= self.dropout_probability)),
+            (select_channels(measurement, self.channels), sampled & (noise >= self.dropout_probability)),
         )
         held = jax.tree.map(lambda new, old: jnp.where(is_new, new, old), reading, state.last_reading)
         age = jnp.where(is_new, self.delay * clock.dt, state.age + clock.dt)
@@ -328,39 +328,8 @@ class Intermittent(SensorModel):
             last_reading=held, age=age, next_sample_time=next_sample_time, delay_line=tuple(pending)
         )
         return dataclasses.replace(
-            _replace_channels(measurement, self.channels, held), measurement_age_s=ages
+            replace_channels(measurement, self.channels, held), measurement_age_s=ages
         ), next_state
-
-
-@pytree
-class StuckReading(SensorModel):
-    """A reading of one agent or of the payload that keeps its last value in an interval; its age is not reported."""
-
-    channel: str = static()  # field of the payload or agent readings, for example `payload.p`, `agents.x`
-    stuck: tuple[Bool[Array, "agents"], ...]  # agents whose reading is stuck, by group; unused for the payload
-    start: Scalar  # s
-    end: Scalar  # s; inf: until the end of the flight
-
-    def init(self, measurement: Measurement) -> Any:
-        """Return the readings at rest."""
-        return _select_channels(measurement, (self.channel,))
-
-    def apply(
-        self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: dict[str, Any], noise: Any
-    ) -> tuple[Measurement, Any]:
-        """Replace the reading by the one before the interval."""
-        active = (clock.t >= self.start - 1e-9) & (clock.t < self.end - 1e-9)
-
-        def hold(mask: Bool[Array, "*agents"], new: Array, old: Array) -> Array:
-            return jnp.where((active & mask).reshape(mask.shape + (1,) * (new.ndim - mask.ndim)), old, new)
-
-        readings, held = _select_channels(measurement, (self.channel,))[self.channel], state[self.channel]
-        if isinstance(readings, tuple):
-            readings = tuple(map(hold, self.stuck, readings, held))
-        else:
-            readings = hold(jnp.array(True), readings, held)
-        values = {self.channel: readings}
-        return _replace_channels(measurement, (self.channel,), values), values
 
 
 @pytree
@@ -373,8 +342,8 @@ class Unavailable(SensorModel):
         self, measurement: Measurement, truth: SensedState, clock: ControlClock, state: Any, noise: Any
     ) -> tuple[Measurement, Any]:
         """Replace the readings of the channels by NaN."""
-        readings = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), _select_channels(measurement, self.channels))
-        return _replace_channels(measurement, self.channels, readings), state
+        readings = jax.tree.map(lambda x: jnp.full_like(x, jnp.nan), select_channels(measurement, self.channels))
+        return replace_channels(measurement, self.channels, readings), state
 
 
 @pytree
@@ -399,24 +368,14 @@ class BiasRandomWalk(SensorModel):
 
     def sample_noise(self, team: Team, key: Array, ticks: int) -> Any:
         """Draw standard normal samples in the shapes of the readings."""
-        sizes, payload = _noise_shapes(team), {"R": 3, "p": 3, "v": 3, "omega": 3, "a": 3}
-        out = {}
-        for k, name in enumerate(self.channels):
-            body, _, field = name.partition(".")
-            keys = jax.random.split(jax.random.fold_in(key, k), len(sizes))
-            shapes = [(payload[field],)] if body == "payload" else [size[field] for size in sizes]
-            samples = [
-                jax.random.normal(group_key, (ticks, *shape)) for group_key, shape in zip(keys, shapes, strict=False)
-            ]
-            out[name] = samples[0] if body == "payload" else tuple(samples)
-        return out
+        return sample_channel_noise(team, self.channels, key, ticks)
 
     def init(self, measurement: Measurement) -> Any:
         """Return a state without bias."""
         return BiasWalkState(
             bias={
                 name: jax.tree.map(functools.partial(_zero_bias, name), x)
-                for name, x in _select_channels(measurement, self.channels).items()
+                for name, x in select_channels(measurement, self.channels).items()
             }
         )
 
@@ -426,11 +385,36 @@ class BiasRandomWalk(SensorModel):
         """Add the bias to the readings of the channels."""
         step = jnp.where(clock.t > 0, self.random_walk_density * jnp.sqrt(clock.dt), self.initial_bias_std)
         bias = jax.tree.map(lambda b, n: b + step * n, state.bias, noise)
-        readings = _select_channels(measurement, self.channels)
+        readings = select_channels(measurement, self.channels)
         biased = {
-            name: jax.tree.map(functools.partial(_add_bias, name), readings[name], bias[name]) for name in self.channels
+            name: jax.tree.map(functools.partial(add_bias, name), readings[name], bias[name]) for name in self.channels
         }
-        return _replace_channels(measurement, self.channels, biased), BiasWalkState(bias=bias)
+        return replace_channels(measurement, self.channels, biased), BiasWalkState(bias=bias)
+
+
+def sample_channel_noise(team: Team, channels: tuple[str, ...], key: Array, ticks: int) -> dict[str, Any]:
+    """Draw standard normal samples for readings; those of attitudes are rotation vectors.
+
+    Args:
+        team: Parameters that determine the shapes.
+        channels: Names of the readings, as for `Intermittent`.
+        key: JAX random key.
+        ticks: Number of ticks.
+
+    Returns:
+        Samples by channel with a leading time axis: an array of the payload, or one array per group of agents.
+    """
+    sizes, payload = _noise_shapes(team), {"R": 3, "p": 3, "v": 3, "omega": 3, "a": 3}
+    out = {}
+    for k, name in enumerate(channels):
+        body, _, field = name.partition(".")
+        keys = jax.random.split(jax.random.fold_in(key, k), len(sizes))
+        shapes = [(payload[field],)] if body == "payload" else [size[field] for size in sizes]
+        samples = [
+            jax.random.normal(group_key, (ticks, *shape)) for group_key, shape in zip(keys, shapes, strict=False)
+        ]
+        out[name] = samples[0] if body == "payload" else tuple(samples)
+    return out
 
 
 def _zero_bias(name: str, x: Array) -> Array:
@@ -438,7 +422,7 @@ def _zero_bias(name: str, x: Array) -> Array:
     return jnp.zeros(x.shape[:-1] if name.endswith(".R") else x.shape)
 
 
-def _add_bias(name: str, x: Array, b: Array) -> Array:
+def add_bias(name: str, x: Array, b: Array) -> Array:
     """Add the bias to a reading; rotate an attitude in the body frame."""
     return x @ so3.exp(b) if name.endswith(".R") else x + b
 
@@ -452,7 +436,7 @@ def _noise_shapes(team: Team) -> list[dict[str, tuple[int, ...]]]:
     ]
 
 
-def _select_channels(measurement: Measurement, names: tuple[str, ...]) -> dict[str, Any]:
+def select_channels(measurement: Measurement, names: tuple[str, ...]) -> dict[str, Any]:
     """Return readings by channel: an array of the payload, or one array per group of agents."""
     out = {}
     for name in names:
@@ -465,7 +449,7 @@ def _select_channels(measurement: Measurement, names: tuple[str, ...]) -> dict[s
     return out
 
 
-def _replace_channels(measurement: Measurement, names: tuple[str, ...], values: dict[str, Any]) -> Measurement:
+def replace_channels(measurement: Measurement, names: tuple[str, ...], values: dict[str, Any]) -> Measurement:
     """Return the measurement with the readings of these channels replaced."""
     for name in names:
         body, _, field = name.partition(".")

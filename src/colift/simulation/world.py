@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from colift.math.filters import smoothing_factor
 from colift.math.pytree import pytree, static
-from colift.models.measurement import Measurement
+from colift.models.measurement import ContactFlags, Measurement
 from colift.models.parameters import Team
 from colift.models.state import (
     ControlClock,
@@ -29,7 +29,7 @@ from colift.models.state import (
 from colift.simulation import contact_dynamics, disturbances
 from colift.simulation import sensors as sensors_module
 from colift.simulation.actuators import IdealActuators
-from colift.simulation.faults import Contacts, Faults, RotorForces
+from colift.simulation.faults import Faults, RotorForces
 
 Scalar = Float[Array, ""]
 
@@ -45,7 +45,7 @@ class WorldState:
     actuators: Any  # state of the actuators
     sensors: tuple[Any, ...]  # states of the additional sensors
     rotor_forces: RotorForces | None = None  # N, forces of the last tick; None without faults of single rotors
-    regrasped: Contacts | None = None  # contacts that have closed again; None if none can
+    regrasped: ContactFlags | None = None  # contacts that have closed again; None if none can
     filtered_tip_moments: tuple[Float[Array, "_agents _arms 3"], ...] | None = None  # N m, low-pass filtered contact
     # moments, payload frame; None if all contacts are points
 
@@ -173,7 +173,7 @@ class SimulatedWorld:
     faults: Faults | None = None  # faults of rotors and contacts; None without one
     payload_on_ground: bool = static(default=False)  # True: the ground bears the payload, which is not held
 
-    def team_at(self, t: Scalar, regrasped: Contacts | None = None) -> Team:
+    def team_at(self, t: Scalar, regrasped: ContactFlags | None = None) -> Team:
         """Return the true parameters at time t [s], for given contacts that have closed again."""
         team = self.closed_team_at(t)
         return team if self.faults is None else self.faults.team_at(team, t, regrasped)
@@ -203,6 +203,11 @@ class SimulatedWorld:
             moments=self.team.zero_contact_moments,
         )
 
+    def _with_grippers(self, measurement: Measurement, regrasped: ContactFlags | None) -> Measurement:
+        """Return the measurement with the reports of the grippers."""
+        ungrasped = None if self.faults is None else self.faults.ungrasped(regrasped)
+        return dataclasses.replace(measurement, regrasped=regrasped, ungrasped=ungrasped)
+
     def _at_rest(self, state: State) -> tuple[Measurement, tuple[Any, ...]]:
         """Return the measurement at rest and the initial states of the additional sensors."""
         sensed = self.sensed_at_rest(state)
@@ -210,8 +215,8 @@ class SimulatedWorld:
         measurement = sensors_module.measure(
             self.team, self.sensors, jax.tree.map(jnp.zeros_like, self.tip_force_bias), sensed, zero_noise.sensors
         )
-        regrasped = None if self.faults is None else self.faults.initial_regrasps()
-        measurement = dataclasses.replace(measurement, regrasped=regrasped)
+        if self.faults is not None:
+            measurement = self._with_grippers(measurement, self.faults.initial_regrasps())
         sensor_states, clock = [], ControlClock(t=jnp.zeros(()), dt=jnp.zeros(()))
         for sensor, sensor_noise in zip(self.sensor_models, zero_noise.sensor_models, strict=True):
             sensor_states.append(sensor.init(measurement))
@@ -220,7 +225,7 @@ class SimulatedWorld:
 
     def init(self, state: State, command: TeamInputs) -> WorldState:
         """Return the initial world state at a team state, with a constant command before the first tick."""
-        _, sensor_states = self._at_rest(state)
+        at_rest, sensor_states = self._at_rest(state)
         disturbance_state = disturbances.init(self.disturbances, self.team)
         a, lam = self.plant.forward_dynamics(
             self.team_at(jnp.zeros(())),
@@ -237,7 +242,7 @@ class SimulatedWorld:
             actuators=self.actuators.init(command),
             sensors=sensor_states,
             rotor_forces=None if self.faults is None else self.faults.rotor_forces(command),
-            regrasped=None if self.faults is None else self.faults.initial_regrasps(),
+            regrasped=at_rest.regrasped,
         )
 
     def disturbance_forces(
@@ -286,7 +291,7 @@ class SimulatedWorld:
             moments=self._filtered_moments(state, a, b),
         )
         measurement = sensors_module.measure(self.team, self.sensors, self.tip_force_bias, sensed, noise.sensors)
-        measurement = dataclasses.replace(measurement, regrasped=state.regrasped)
+        measurement = self._with_grippers(measurement, state.regrasped)
         sensor_states = []
         for sensor, sensor_state, sensor_noise in zip(
             self.sensor_models, state.sensors, noise.sensor_models, strict=True
@@ -327,14 +332,14 @@ class SimulatedWorld:
         if self.faults is not None:
             inputs, rotor_forces = self.faults.limit(inputs, state.rotor_forces, t)
         f = self.disturbance_forces(state.state, t, state.disturbances)
-        team = self.team_at(t, state.regrasped)
+        regrasped = state.regrasped
+        if self.faults is not None:
+            regrasped = self.faults.regrasps(self.closed_team_at(t), state.state, regrasped, t)
+        team = self.team_at(t, regrasped)
         a, lam = self.plant.forward_dynamics(team, state.state, inputs, f)
         z = self.plant.step(
             team, state.state, inputs, lambda z, s: self.disturbance_forces(z, t + s, state.disturbances), dt
         )
-        regrasped = state.regrasped
-        if self.faults is not None:
-            z, regrasped = self.faults.regrasp(self.closed_team_at(t), z, regrasped, t + dt)
         next_state = WorldState(
             state=z,
             applied_inputs=inputs,

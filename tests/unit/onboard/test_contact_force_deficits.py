@@ -78,7 +78,7 @@ def realized(name: str, of: Tilted, deficits: tuple[jax.Array, ...]) -> tuple[np
     """Return contact forces less commanded ones and angular accelerations by agent, without attitude feedback."""
     controlled, _ = hover(name)
     nominal, none = controlled.team, zero_residual(controlled.team)
-    act = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0, 0))
+    act = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0, 0, None))
     inputs = []
     for group, q, lam, yaw, f_hat, f, deficit in zip(
         nominal.agent_groups, of.z.agents, of.lam, controlled.agent_controller.yaw, none.agents, of.thrust, deficits,
@@ -88,7 +88,7 @@ def realized(name: str, of: Tilted, deficits: tuple[jax.Array, ...]) -> tuple[np
         setpoint = setpoints.AgentSetpoint(lam=lam, lam_dot=0 * lam, yaw=yaw, nominal_posture=q.r)
         gains = controlled.agent_controller.gains
         inputs.append(
-            act(group, gains, nominal.gravity, q, of.z.payload, NO_ACCELERATION, setpoint, f_hat, here, deficit)
+            act(group, gains, nominal.gravity, q, of.z.payload, NO_ACCELERATION, setpoint, f_hat, here, deficit, None)
         )
     a, lam = accelerate(nominal, of.z, tuple(inputs), none)
     missing = [np.asarray(true - commanded).sum(1) for true, commanded in zip(lam, of.lam, strict=True)]

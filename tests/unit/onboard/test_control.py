@@ -53,7 +53,7 @@ attitude = jax.jit(attitude_module.attitude_from_thrust)
 def realize(agent, gains, gravity, q, load, to, share, f):
     """Agent controller of the paper with its attitude setpoint; the commanded contact forces count as provided."""
     turn = attitude_module.thrust_attitude_setpoint(agent, gravity, load, to, share, f)
-    return realization.agent_inputs(agent, gains, gravity, q, load, to, share, f, turn, jnp.zeros(3))
+    return realization.agent_inputs(agent, gains, gravity, q, load, to, share, f, turn, jnp.zeros(3), None)
 
 
 @dataclasses.dataclass

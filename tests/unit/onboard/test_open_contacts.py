@@ -13,7 +13,7 @@ from colift.closed_loop import flight
 from colift.math import so3
 from colift.models import aerial_manipulator
 from colift.models.parameters import OPEN_COMPLIANCE, Team
-from colift.models.state import zero_residual
+from colift.models.state import State, zero_residual
 from colift.onboard import controller
 from colift.onboard.control import tracking
 from colift.onboard.estimation import contact_monitor, nav_filter, state_estimator
@@ -29,7 +29,7 @@ NOISE = contact_monitor.ReadingNoise(position=POSITION, attitude=ATTITUDE, joint
 POSTURE = tuple(q.r for q in PAPER.initial_state.agents)
 MONITOR = contact_monitor.contact_monitor(TEAM, POSTURE, NOISE, 5.0, 0.002)
 AT_REST = PAPER.world.measure_at_rest(PAPER.initial_state)
-CLOSED = MONITOR.init(TEAM)
+CLOSED = MONITOR.init(TEAM, AT_REST)
 LATE = jnp.asarray(1.0)  # s, after the state estimate has settled
 
 
@@ -74,12 +74,19 @@ def test_a_contact_closes_by_the_report_of_its_gripper():
 
 
 def test_an_open_contact_stays_open():
-    """An agent keeps its last contact."""
+    """An agent can lose its last contact."""
     at_rest, light = PAPER.initial_state.agents[0].r, jnp.zeros((2, 2, 3))
     (found,) = detect((jnp.array([[False, False], [True, False]]),), at_rest, light, LATE)
     np.testing.assert_array_equal(found, [[False, False], [True, False]])
     (found,) = detect((found,), at_rest + 0.2, light, LATE)
-    np.testing.assert_array_equal(found[1], [True, False])
+    np.testing.assert_array_equal(found[1], [True, True])
+
+
+def test_a_gripper_reports_contacts_open_from_the_start():
+    given = (jnp.array([[True, False], [False, False]]),)
+    reading = dataclasses.replace(AT_REST, ungrasped=given)
+    assert MONITOR.init(TEAM, reading) is given
+    assert not np.asarray(CLOSED[0]).any()
 
 
 def test_the_standard_deviation_is_that_of_noisy_readings():
@@ -106,15 +113,10 @@ def test_the_standard_deviation_is_that_of_noisy_readings():
     np.testing.assert_allclose(MONITOR.force_std, FORCE * 3**0.5)
 
 
-def test_only_agents_with_several_arms_can_have_open_contacts():
-    """The tree alone decides; the second group has the parameters of the first one."""
-    (group,) = TEAM.agent_groups
-    single = dataclasses.replace(group, tree=dataclasses.replace(group.tree, tip_bodies=(3,)))
-    team, state = dataclasses.replace(TEAM, agent_groups=(group, single)), (jnp.array([[True, False]] * 2),) * 2
-    acting = MONITOR.acting(state, team)
-    np.testing.assert_array_equal(acting.agent_groups[0].closed_contacts, [[0, 1]] * 2)
-    assert acting.agent_groups[1] is single
-    np.testing.assert_array_equal(acting.closed_contacts, [0, 1, 0, 1, 1, 1, 1, 1])
+def test_open_contacts_have_a_compliance():
+    acting = MONITOR.acting((jnp.array([[True, False], [True, True]]),), TEAM)
+    np.testing.assert_array_equal(acting.agent_groups[0].closed_contacts, [[0, 1], [0, 0]])
+    np.testing.assert_array_equal(acting.closed_contacts, [0, 1, 0, 0])
 
 
 def test_joint_rates_of_a_free_arm_are_those_of_the_encoders():
@@ -157,6 +159,59 @@ def test_the_free_arm_returns_to_its_contact():
     (a_0, _, _), (a, commanded, true) = response(jnp.asarray(0.0)), response(jnp.asarray(0.01))
     np.testing.assert_allclose(a - a_0, -0.01 * float(onboard.agent_controller.gains.agent_k_R), rtol=0.1)
     np.testing.assert_allclose([commanded, true], 0.0, atol=1e-9)
+
+
+def test_an_agent_without_contacts_returns_to_its_contact_points():
+    """A displacement d changes its thrust by `-m K_p d`, and the commanded payload acceleration has no influence."""
+    onboard, f_hat, d = PAPER.controller, zero_residual(TEAM), jnp.array([0.01, -0.02, 0.03])
+    (agents,), payload = PAPER.initial_state.agents, PAPER.initial_state.payload
+    team, zero = opened(TEAM, (0, 0), (0, 1)), jnp.zeros(3)
+
+    @jax.jit
+    def thrusts(d: jax.Array, a: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Return the desired thrust vectors and the thrusts."""
+        moved = dataclasses.replace(agents, x=agents.x.at[0].add(d))
+        z, command = State(agents=(moved,), payload=payload), tracking.AccelerationCommand(a=a, alpha=zero, jerk=zero)
+        now = controller.context_at(dataclasses.replace(onboard, team=team), z, jnp.zeros(6), jnp.zeros(()))
+        demand = controller.tracking_demand(TEAM, payload, command, f_hat)
+        forces, _ = onboard.allocator.allocate((), now, demand)
+        (steering,) = onboard.agent_controller._steering(now, command)
+        (inputs, _), _ = onboard.agent_controller.compute((), now, command, forces, f_hat)
+        return steering + a[None], inputs[0].u
+
+    (a_0, u_0), (a_1, u_1), (a_2, u_2) = thrusts(zero, zero), thrusts(d, zero), thrusts(d, jnp.array([0.5, 0.4, 0.3]))
+    m, up = TEAM.agent_groups[0].mass[0].sum(), agents.R[0][:, 2]
+    expected = -onboard.agent_controller.gains.K_p @ d
+    np.testing.assert_allclose((a_1 - a_0)[0], expected, rtol=1e-9)
+    np.testing.assert_allclose(a_2[0], a_1[0], atol=1e-12)
+    np.testing.assert_allclose([u_1[0] - u_0[0], u_2[0] - u_1[0]], [m * up @ expected, 0.0], atol=1e-9)
+    np.testing.assert_allclose((a_1 - a_0)[1], 0.0, atol=1e-12)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("free", [("left",), ("left", "right")])
+def test_an_agent_flies_before_its_grasp(free):
+    """A free arm grasps at 1 s. In case C1 an agent in free flight has the offset `f / (m K_p)` of its residual f."""
+    faults = [{"kind": "contact", "who": f"agent_1/{arm}", "start_s": 0.0, "end_s": 1.0} for arm in free]
+    settings = python_api.load_scenario("trio", {"allocation": {"kind": "constrained"}, "faults": faults})
+    setup = experiment.make_experiment(settings, "C1")
+    result = flight.run_experiment(dataclasses.replace(setup, duration=4.0))
+    rows, last = result.records, result.records.t > 3.5
+    lam = np.linalg.norm(rows.lam, axis=2)
+    assert not result.termination_reason
+    assert lam[rows.t < 1, 0].max() < 1e-8
+    if len(free) == 1:
+        assert lam[last, 0].min() > 1
+        return
+    assert lam[:, :2].max() < 1e-8
+    group, c = setup.world.team.agent_groups[0], np.asarray(setup.world.team.agent_groups[0].contact_position[0])
+    joints = rows.r[last].reshape(last.sum(), 3, -1)[:, 0]
+    agent = jax.tree.map(lambda x: x[0], group)
+    tips = jax.vmap(lambda r: aerial_manipulator.forward_kinematics(agent, r).points[-2:])(jnp.asarray(joints))
+    tips = rows.x[last, 0, None] + np.einsum("tij,taj->tai", rows.R[last, 0], tips)
+    gap = (tips - rows.p[last, None] - np.einsum("tij,aj->tai", rows.R_L[last], c)).mean((0, 1))
+    stiffness = float(agent.mass.sum()) * np.asarray(setup.controller.agent_controller.gains.K_p)
+    np.testing.assert_allclose(gap, np.linalg.solve(stiffness, rows.f_x[last, 0].mean(0)), atol=0.02)
 
 
 @pytest.mark.long

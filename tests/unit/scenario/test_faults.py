@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import typing
+
 import numpy as np
 import pytest
 
 from colift import scenario
 from colift.scenario import ScenarioError, experiment
+from colift.scenario.schema.faults import SensorFailure
+from colift.simulation import sensor_faults
 from colift.workflows import python_api
 
 
@@ -42,6 +46,29 @@ def test_settings_reach_the_world():
     np.testing.assert_array_equal(world.faults.release_time[0], [[np.inf, np.inf], [2.0, np.inf]])
     assert world.faults.regrasp_time is None
     assert world.sensor_models[-1].channel == "payload.p"
+
+
+@pytest.mark.parametrize("to", typing.get_args(SensorFailure))
+def test_a_failure_of_a_reading_reaches_the_world(to):
+    """Garbage and wrong readings have 100 standard deviations of the noise, 2 mm."""
+    given = {**SENSOR, "to": to, "rate_Hz": 20, "delay_s": 0.02, "dropout_probability": 0.7}
+    setup = experiment.make_experiment(load(given), "C1")
+    model, dt = setup.world.sensor_models[-1], setup.dt
+    assert (model.channel, float(model.start), float(model.end)) == ("payload.p", 1.0, 2.0)
+    if isinstance(model, sensor_faults.HeldReading):
+        found = [float(x) for x in (model.sample_period, model.dropout_probability, model.reports_age)]
+        expected = {
+            "stuck": [dt, 1, 0],
+            "off": [dt, 1, 1],
+            "slow": [0.05, 0, 1],
+            "intermittent": [dt, 0.7, 1],
+        }[to]
+    elif isinstance(model, sensor_faults.DelayedReading):
+        found, expected = [model.delay], {"delayed": [round(0.02 / dt)]}[to]
+    else:
+        found = [float(model.offset), float(model.noise)]
+        expected = {"wrong": [0.2, 0], "garbage": [0, 0.2]}[to]
+    np.testing.assert_allclose(found, expected)
 
 
 def test_the_time_of_a_regrasp_reaches_the_world():

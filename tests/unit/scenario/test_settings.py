@@ -12,18 +12,18 @@ import jax
 import numpy as np
 from pydantic import BaseModel
 
+from colift.models import actuator_lag
 from colift.onboard.control import actuator_compensation
 from colift.onboard.estimation import state_estimator
 from colift.onboard.learning import kalman_correction, residual_predictors, semiparametric
 from colift.scenario import Scenario, experiment, termination
 from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema_docs import unit_of
-from colift.simulation import actuators
 from tests.support import small_team as light
 from tests.support.varied_scenarios import changed
 
 ROOT = Path(__file__).parents[3]
-MAX_SETTINGS = 201
+MAX_SETTINGS = 205
 
 
 def sections(found: tuple[type[BaseModel], ...] = (Scenario,)) -> tuple[type[BaseModel], ...]:
@@ -67,7 +67,7 @@ def selectors() -> tuple[set[tuple[str, str]], set[str]]:
     return values, held
 
 
-def test_a_scenario_has_at_most_201_settings():
+def test_a_scenario_has_at_most_205_settings():
     """A setting counts once in the class that declares it, and a selector such as `kind` once where it stands."""
     values, held = selectors()
     assert {name for _, name in values} == {"kind", "type"}
@@ -109,7 +109,7 @@ def test_rotors_limit_thrust_and_torque_jointly():
     rotors = {"num_rotors": 4, "radius_m": 0.25, "moment_ratio_m": 0.016}
     settings = light.settings(actuators={"kind": "motors", "bandwidth_Hz": 20.0, "rotors": rotors})
     limits = experiment.make_experiment(settings, "C1").world.actuators.limits
-    assert all(isinstance(limit, actuators.RotorMixer) for limit in limits)
+    assert all(isinstance(limit, actuator_lag.RotorMixer) for limit in limits)
     np.testing.assert_allclose(limits[0].force_max, 10.0)
 
 

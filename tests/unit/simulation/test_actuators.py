@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from colift.models import actuator_lag
 from colift.models.actuator_lag import ActuatorLag
 from colift.models.state import AgentInput, ControlClock
 from colift.simulation import actuators
@@ -64,8 +65,8 @@ def test_box_limits_thrust_and_torque():
     np.testing.assert_allclose(tau, [[1.0, -0.5, -1.0], [0.05, 0.1, -0.1]])
 
 
-def ring(count: int, most: float = 5.0) -> actuators.RotorMixer:
-    return actuators.ring_mixer(count, arm=0.3, yaw=0.02, force_max=jnp.array([most]))
+def ring(count: int, most: float = 5.0) -> actuator_lag.RotorMixer:
+    return actuator_lag.ring_mixer(count, arm=0.3, yaw=0.02, force_max=jnp.array([most]))
 
 
 wrenches = st.tuples(st.floats(-5, 40), *[st.floats(-3, 3)] * 2, st.floats(-0.6, 0.6)).map(np.array)
@@ -112,7 +113,7 @@ def test_four_rotors_follow_the_priorities(asked):
         return found.x[0]
 
     k = most(np.zeros(4), f_tilt, None)
-    margin = min(1.0, actuators.YAW_MARGIN * 5 / max(np.abs(f_yaw).max(), 1e-12))
+    margin = min(1.0, actuator_lag.YAW_MARGIN * 5 / max(np.abs(f_yaw).max(), 1e-12))
     first = most(k * f_tilt, f_yaw, None, margin)
     base = k * f_tilt + first * f_yaw
     least, highest = -4 * base.min(), 4 * (5 - base.max())
@@ -135,4 +136,4 @@ def test_feasible_commands_are_realized(count, asked):
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_uncontrollable_rotor_rings_are_refused(count):
     with pytest.raises(ValueError, match="must be even and at least 4"):
-        actuators.ring_mixer(count, 0.3, 0.02, jnp.array([5.0]))
+        actuator_lag.ring_mixer(count, 0.3, 0.02, jnp.array([5.0]))

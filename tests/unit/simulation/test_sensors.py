@@ -325,26 +325,3 @@ def test_bias_random_walk_grows_with_root_of_time():
     assert 0 < np.linalg.norm(Rotation.from_matrix(R_0.T @ R).as_rotvec()) < 8 * expected
     steps = np.diff(np.asarray(runs[0].payload.v), axis=0)
     assert abs((steps[1:] * steps[:-1]).mean()) < 5 * steps.var() / np.sqrt(steps.size)  # independent steps
-
-
-def test_stuck_reading_keeps_its_last_value_in_the_interval():
-    """The age of the reading is not reported, and it returns to the true value after the interval."""
-    group = case()[0].sizes[0]
-    of = sensors_module.StuckReading(
-        channel="payload.p", stuck=(jnp.zeros(group, bool),), start=jnp.array(0.1), end=jnp.array(0.2)
-    )
-    m = apply_to_motion(of)
-    x, k = np.asarray(m.payload.p[:, 0] - ideal().payload.p[0]), np.arange(400)
-    np.testing.assert_allclose(x, 0.002 * np.where((k >= 50) & (k < 100), 49, k), atol=1e-12)
-    assert m.measurement_age_s == {}
-
-
-def test_reading_of_one_agent_is_stuck():
-    first, (team, _, truth) = ideal(), case()
-    one = jnp.arange(team.sizes[0]) == 0
-    masks = (one, *(jnp.zeros(size, bool) for size in team.sizes[1:]))
-    of = sensors_module.StuckReading(channel="agents.R", stuck=masks, start=jnp.array(0.0), end=jnp.array(np.inf))
-    changed = tuple(dataclasses.replace(agent, R=agent.R + 1) for agent in first.agents)
-    m, _ = of.apply(dataclasses.replace(first, agents=changed), truth, CLOCK, of.init(first), ())
-    for now, before, mask in zip(m.agents, first.agents, masks, strict=True):
-        np.testing.assert_allclose(now.R - before.R, np.where(mask, 0.0, 1.0)[:, None, None] * np.ones((3, 3)))

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from colift.math.pytree import constant, pytree
-from colift.models.actuator_lag import ActuatorLag, ActuatorLagState
+from colift.models.actuator_lag import ActuatorLag, ActuatorLagState, RotorMixer
 from colift.models.parameters import Team
-from colift.models.state import TeamInputs
+from colift.models.state import AgentInput, TeamInputs
 from colift.onboard.interfaces import PartState
 
 Scalar = Float[Array, ""]
@@ -62,3 +62,29 @@ class LagInversion:
     def effective_command(self, state: ActuatorLagState, last_command: TeamInputs) -> TeamInputs:
         """Return the output of the lag model; see `ActuatorCompensator`."""
         return state.output
+
+
+@pytree
+class KnownRotorLimits:
+    """Another compensation with rotors whose limits are known, as to the mixer of a flight controller.
+
+    The inputs that acted are those of the mixer. With the commands in their place, labels would contain the limited
+    part as a residual force. Its compensation increases the commands further.
+    """
+
+    base: LagInversion | NoCompensation
+    limits: tuple[RotorMixer, ...]  # rotors of each group
+
+    def init(self, command: TeamInputs) -> PartState:
+        """Return the state of the other compensation; see `ActuatorCompensator`."""
+        return self.base.init(command)
+
+    def command(self, team: Team, state: PartState, requested: TeamInputs, dt: Scalar) -> tuple[TeamInputs, PartState]:
+        """Return the commands of the other compensation; see `ActuatorCompensator`."""
+        return self.base.command(team, state, requested, dt)
+
+    def effective_command(self, state: PartState, last_command: TeamInputs) -> TeamInputs:
+        """Return the inputs of the other compensation within the rotor limits; see `ActuatorCompensator`."""
+        given = self.base.effective_command(state, last_command)
+        limited = [mixer(part.u, part.tau) for mixer, part in zip(self.limits, given, strict=True)]
+        return tuple(AgentInput(u=u, tau=tau, tau_r=part.tau_r) for (u, tau), part in zip(limited, given, strict=True))

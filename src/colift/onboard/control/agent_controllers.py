@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 from jaxtyping import Array, Float
 
@@ -35,7 +37,7 @@ class ThrustVectoringController:
     ) -> tuple[tuple[TeamInputs, SaturationFlags], PartState]:
         """Compute the inputs of all agents, with thrust limited to the range of the rotors; see `AgentController`."""
         team, inputs, saturated = context.team, [], []
-        agent_inputs = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0, 0))
+        agent_inputs = jax.vmap(realization.agent_inputs, in_axes=(0, None, None, 0, None, None, 0, 0, 0, 0, 0))
         agent_setpoints = tuple(
             setpoints.AgentSetpoint(lam=lam, lam_dot=lam_dot, yaw=yaw, nominal_posture=posture)
             for lam, lam_dot, yaw, posture in zip(
@@ -46,19 +48,40 @@ class ThrustVectoringController:
                 strict=True,
             )
         )
-        attitudes = self.attitude_setpoints(context, acceleration_cmd, agent_setpoints, f_hat)
+        steering = self._steering(context, acceleration_cmd)
+        steered = tuple(  # a residual whose compensation is the force of the steering
+            f if a is None else dataclasses.replace(f, f_x=f.f_x - group.mass.sum(1)[:, None] * a)
+            for group, f, a in zip(team.agent_groups, f_hat.agents, steering, strict=True)
+        )
+        attitudes = self.attitude_setpoints(
+            context, acceleration_cmd, agent_setpoints, dataclasses.replace(f_hat, agents=steered)
+        )
         payload, agents = context.estimate.payload, context.estimate.agents
         deficits = realization.contact_force_deficits(team, agents, payload, tuple(d.f for d in attitudes))
-        for group, q, setpoint, f, desired, deficit in zip(
-            team.agent_groups, agents, agent_setpoints, f_hat.agents, attitudes, deficits, strict=True
+        for group, q, setpoint, f, desired, deficit, extra in zip(
+            team.agent_groups, agents, agent_setpoints, f_hat.agents, attitudes, deficits, steering, strict=True
         ):
             requested = agent_inputs(
-                group, self.gains, team.gravity, q, payload, acceleration_cmd, setpoint, f, desired, deficit
+                group, self.gains, team.gravity, q, payload, acceleration_cmd, setpoint, f, desired, deficit, extra
             )
             limited, at_limit = realization.limit_thrust(group, requested)
             inputs.append(limited)
             saturated.append(at_limit)
         return (tuple(inputs), tuple(saturated)), state
+
+    def _steering(
+        self, context: ControlContext, acceleration_cmd: tracking.AccelerationCommand
+    ) -> tuple[Float[Array, "agents 3"] | None, ...]:
+        """Return `realization.free_flight_acceleration` by group; None where no contact can open."""
+        d, payload = context.setpoint, context.estimate.payload
+        reference = dataclasses.replace(acceleration_cmd, a=d.a, alpha=payload.R.T @ d.R @ d.omega_dot)
+        compute = jax.vmap(realization.free_flight_acceleration, in_axes=(0, None, 0, None, None, None))
+        return tuple(
+            None
+            if group.contact_compliance is None
+            else compute(group, self.gains, q, payload, acceleration_cmd, reference)
+            for group, q in zip(context.team.agent_groups, context.estimate.agents, strict=True)
+        )
 
     def attitude_setpoints(
         self,

@@ -36,6 +36,7 @@ def agent_inputs(
     f_hat: GeneralizedForce,
     attitude: AttitudeSetpoint,
     deficit: Float[Array, "3"],
+    steering: Float[Array, "3"] | None,
 ) -> AgentInput:
     """Compute thrust and torques that apply the commanded contact forces to the payload.
 
@@ -64,6 +65,8 @@ def agent_inputs(
         attitude: Attitude setpoint.
         deficit: Part of the sum of the commanded contact forces that the present attitude does not provide, across
             the thrust (`contact_force_deficits`) [N, world].
+        steering: Acceleration of an agent without closed contacts in addition to the commanded one
+            (`free_flight_acceleration`) [m/s^2, world]; None if no contact can open.
 
     Returns:
         Thrust [N], body torque [N m, body frame], joint torques or forces [N m or N]; thrust is not limited here.
@@ -83,14 +86,19 @@ def agent_inputs(
     if has_uncontrolled_joints(agent):
         y = y.at[3:].add(uncontrolled_joint_acceleration(agent, p, f_hat.f_r))
     closed = agent.closed_contacts
-    if closed is not None:
-        back = tip_motion(agent, p, open_contact_feedback(agent, gains, p, q, payload))
+    if closed is not None and steering is not None:
+        back = tip_motion(agent, p, open_contact_feedback(agent, gains, p, q, payload, steering))
         y, deficit = y + back, deficit + p.mass * bound_directions(agent, p, q.R) @ (q.R @ back[:3])
+        contacts = point_acceleration(payload, acceleration_cmd, agent.contact_position).mean(0)
+        # In free flight, joints that do not follow must not lift or lower the agent.
+        y = y.at[:3].set(jnp.where(closed.max() > 0, y[:3], (contacts + steering) @ q.R))
         moves_tip = agent.tree.ancestors[list(agent.tree.tip_bodies)].astype(float)
         supported = (closed[:, None] * moves_tip).max(0)  # joints that move a closed contact
         f_hat = dataclasses.replace(f_hat, f_r=supported * f_hat.f_r)
     xi_dot = jnp.concatenate([omega_dot, y[3:]])
-    missing = deficit[None] / agent.tree.arms if closed is None else closed[:, None] * deficit[None] / closed.sum()
+    missing = deficit[None] / agent.tree.arms
+    if closed is not None:
+        missing = closed[:, None] * deficit[None] / jnp.maximum(1.0, closed.sum())
     lam = setpoint.lam - missing
     return inputs_for_acceleration(p, h, q, q.R @ y[:3] - gravity, xi_dot, lam, f_hat)
 
@@ -101,11 +109,13 @@ def open_contact_feedback(
     p: aerial_manipulator.CentroidalModel,
     q: AgentState,
     payload: PayloadState,
+    steering: Float[Array, "3"],
 ) -> Float[Array, "arms 3"]:
     """Return the acceleration `-k_R phi - k_w phi_dot` of the tips of open contacts; zero for closed contacts.
 
     No contact holds such a tip, so inverse dynamics alone leaves its position without control. The attitude gains give
-    the free arm the bandwidth of the base that carries it.
+    the free arm the bandwidth of the base that carries it. The mean position of the tips of an agent without closed
+    contacts accelerates by `steering`, since its center of mass must follow by a tilt of the thrust.
 
     Args:
         agent: Nominal parameters of one agent.
@@ -113,6 +123,7 @@ def open_contact_feedback(
         p: Centroidal model of the agent.
         q: Estimated state of the agent.
         payload: Estimated state of the payload.
+        steering: See `free_flight_acceleration` [m/s^2, world].
 
     Returns:
         Accelerations [m/s^2, body frame].
@@ -120,7 +131,45 @@ def open_contact_feedback(
     assert agent.contact_compliance is not None
     phi, phi_dot = grasp.contact_error(agent, p, q, payload), grasp.contact_error_rate(agent, p, q, payload)
     feedback = -gains.agent_k_R * phi - gains.agent_k_omega * phi_dot
+    shared = steering @ q.R - feedback.mean(0)
+    feedback = feedback + jnp.where((agent.contact_compliance > 0).all(), shared, 0.0)[None]
     return jnp.where(agent.contact_compliance[:, None] > 0, feedback, 0.0)
+
+
+def free_flight_acceleration(
+    agent: AerialManipulator,
+    gains: Gains,
+    q: AgentState,
+    payload: PayloadState,
+    acceleration_cmd: AccelerationCommand,
+    reference: AccelerationCommand,
+) -> Float[Array, "3"]:
+    """Return the acceleration `-K_p phi - K_v phi_dot + d` of an agent without closed contacts; zero for others.
+
+    phi is the mean distance of its tips from their contact points. An agent that flies free is steered as the payload:
+    the direction of its thrust follows with the bandwidth of the attitude, and the gains of the payload's position are
+    tuned for this bandwidth.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        gains: Feedback gains.
+        q: Estimated state of the agent.
+        payload: Estimated state of the payload.
+        acceleration_cmd: Commanded payload acceleration.
+        reference: Payload acceleration of the reference. d is the difference of both at the contacts: the commanded one
+            contains feedback of the payload's error, which the agent must not follow.
+
+    Returns:
+        Acceleration in addition to the commanded one [m/s^2, world].
+    """
+    assert agent.contact_compliance is not None
+    p = aerial_manipulator.centroidal_model(agent, aerial_manipulator.forward_kinematics(agent, q.r))
+    phi, phi_dot = grasp.contact_error(agent, p, q, payload), grasp.contact_error_rate(agent, p, q, payload)
+    feedback = -gains.K_p @ (q.R @ phi.mean(0)) - gains.K_v @ (q.R @ phi_dot.mean(0))
+    wanted, commanded = (
+        point_acceleration(payload, each, agent.contact_position).mean(0) for each in (reference, acceleration_cmd)
+    )
+    return jnp.where((agent.contact_compliance > 0).all(), feedback + wanted - commanded, 0.0)
 
 
 def attitude_feedback(
@@ -219,6 +268,8 @@ def contact_force_deficits(
         D = bound_directions(agent, p, q.R)
         P = jnp.concatenate([jnp.eye(3), -payload.R @ so3.hat(agent.contact_position.mean(0))], axis=1)
         inertia = p.mass * P.T @ (D + q.R[:, 2, None] * q.R[None, :, 2]) @ P
+        if agent.closed_contacts is not None:  # an agent without closed contacts does not act on the payload
+            inertia, D = agent.closed_contacts.max() * inertia, agent.closed_contacts.max() * D
         return D @ f, p.mass * D @ P, inertia, P
 
     groups = [jax.vmap(terms)(*each) for each in zip(team.agent_groups, agents, thrust, strict=True)]

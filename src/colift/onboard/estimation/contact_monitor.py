@@ -11,8 +11,7 @@ A stuck pose does not change the force of a closed contact, and a small force do
 An open contact stays open until its gripper reports that it has closed again (`Measurement.regrasped`). A tip that is
 held at its contact point bears almost no force, so distance and force do not show that a contact has closed.
 
-The last closed contact of an agent counts as closed, because an agent without contacts requires another controller.
-Agents with one arm are therefore not monitored.
+Grippers also report contacts that are open from the start (`Measurement.ungrasped`).
 
 See Also:
     docs/decisions/0005-general-force-allocation: measured delays, and flights with an open contact.
@@ -52,7 +51,7 @@ OpenContacts = tuple[Bool[Array, "agents arms"], ...]
 
 @pytree
 class ContactMonitor:
-    """Detection of open contacts of agents with several arms, from tip positions and tip force readings.
+    """Detection of open contacts from tip positions and tip force readings.
 
     Attributes:
         distance_std: Standard deviations of the distances between tips and payload [m], by group.
@@ -64,8 +63,15 @@ class ContactMonitor:
     force_std: Scalar
     start: Scalar
 
-    def init(self, team: Team) -> OpenContacts:
-        """Return the state of closed contacts."""
+    def init(self, team: Team, measurement: Measurement) -> OpenContacts:
+        """Return the contacts that are open at the start, as their grippers report.
+
+        Args:
+            team: Nominal parameters.
+            measurement: Readings of the team at rest.
+        """
+        if measurement.ungrasped is not None:
+            return measurement.ungrasped
         return tuple(jnp.zeros(group.contact_position.shape[:2], bool) for group in team.agent_groups)
 
     def update(
@@ -88,18 +94,15 @@ class ContactMonitor:
         ):
             away = (gap * gap).sum(-1) > (DISTANCE_FACTOR * std) ** 2
             unloaded = (lam * lam).sum(-1) < (FORCE_FACTOR * self.force_std) ** 2
-            is_last = (~was_open).sum(1, keepdims=True) < 2
-            found.append(was_open | (away & unloaded & ~is_last & (t >= self.start)))
+            found.append(was_open | (away & unloaded & (t >= self.start)))
         if measurement.regrasped is not None:
             found = [is_open & ~closed for is_open, closed in zip(found, measurement.regrasped, strict=True)]
         return tuple(found)
 
     def acting(self, state: OpenContacts, team: Team) -> Team:
-        """Return the team with the compliance of open contacts; agents with one arm are unchanged."""
+        """Return the team with the compliance of open contacts."""
         groups = tuple(
-            group
-            if group.tree.arms < 2
-            else dataclasses.replace(group, contact_compliance=jnp.where(is_open, OPEN_COMPLIANCE, 0.0))
+            dataclasses.replace(group, contact_compliance=jnp.where(is_open, OPEN_COMPLIANCE, 0.0))
             for group, is_open in zip(team.agent_groups, state, strict=True)
         )
         return dataclasses.replace(team, agent_groups=groups)

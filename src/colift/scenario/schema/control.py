@@ -135,8 +135,8 @@ class ConstrainedAllocation(LimitedContacts, _Allocation):
     It prefers the least-squares allocation with `internal`, which is the grip where contacts can only press.
 
     Where the limits do not permit the commanded acceleration, roll and pitch of the payload are kept first, then
-    yaw, then the vertical, then the horizontal acceleration. Open contacts of agents with several arms are detected
-    with tip force sensors that have noise.
+    yaw, then the vertical, then the horizontal acceleration. Open contacts are detected with
+    tip force sensors that have noise.
     """
 
     kind: Literal["constrained"]

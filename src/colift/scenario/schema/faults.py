@@ -13,6 +13,9 @@ from pydantic import Field
 from colift.scenario import fields
 from colift.scenario.schema.shared import Start, Transmitted
 
+SensorFailure = Literal["stuck", "off", "garbage", "wrong", "slow", "delayed", "intermittent"]
+"""Failure of a reading."""
+
 
 class _Fault(Start):
     """Settings that all faults have."""
@@ -43,14 +46,14 @@ class _TemporaryFault(_Fault):
         return f"from {self.start_s:g} s" + ("" if self.end_s is None else f" to {self.end_s:g} s")
 
 
-class _EffectivenessFault(_TemporaryFault):
-    """A fault that leaves a share of a force."""
+class _DegradedFault(_TemporaryFault):
+    """A fault after which a part has another effect."""
 
     to: fields.Fraction
     """Remaining share of thrust and body torque."""
 
 
-class ThrustFault(_EffectivenessFault):
+class ThrustFault(_DegradedFault):
     """Loss of effectiveness of all rotors of an agent: a share of thrust and body torque remains."""
 
     kind: Literal["thrust"]
@@ -61,7 +64,7 @@ class ThrustFault(_EffectivenessFault):
         return f"rotors of {self.who} at {self.to:.3g} of their effectiveness {self.period}"
 
 
-class RotorFault(_EffectivenessFault):
+class RotorFault(_DegradedFault):
     """Fault of one rotor, stated as `agent/number`; requires `rotors` of the actuators.
 
     Rotors are numbered from 0 counterclockwise, seen from above. Rotor 0 is half a spacing from the first body axis.
@@ -78,20 +81,36 @@ class RotorFault(_EffectivenessFault):
         return f"rotor {self.who} {state} {self.period}"
 
 
-class SensorFault(_TemporaryFault):
-    """A reading of an agent or of the payload is stuck at its last value; its age is not reported.
+class SensorFault(Transmitted, _DegradedFault):
+    """Failure of one reading of an agent or of the payload, by the names of PX4.
 
-    Rates, delays, dropouts and failures that are reported are [sensor models](#intermittent).
+    The age of a reading is reported for `off`, `slow` and `intermittent`. Failures of all agents that are always
+    reported are [sensor models](#intermittent).
     """
 
     kind: Literal["sensor"]
     """Selects this fault."""
     reading: Annotated[str, Field(min_length=1, max_length=20)]
     """Name of the reading, as after the dot in the `channels` of sensor models."""
+    to: SensorFailure = "stuck"  # ty: ignore[incompatible-attribute-override]
+    """Failure. `stuck`, `off`: the last value; `garbage`: white noise of 100 times the standard deviation of `sensors`;
+    `wrong`: an offset of this size on every component; `slow`: samples at `rate_Hz`; `delayed`: late by `delay_s`;
+    `intermittent`: samples are lost with `dropout_probability`."""
+    rate_Hz: fields.Rate = 5.0
+    """Rate of samples of a `slow` reading, at most the control rate."""
+    delay_s: fields.Time = 0.1
+    """Delay of a `delayed` reading, a multiple of the control period."""
+    dropout_probability: fields.Fraction = 0.9
+    """Probability that a sample of an `intermittent` reading is lost in a control period."""
 
     def describe(self) -> str:
         """Describe the fault in a few words."""
-        return f"reading {self.reading} of {self.who} stuck {self.period}"
+        state = {
+            "slow": f"slow, {self.rate_Hz:g} Hz",
+            "delayed": f"delayed by {self.delay_s:g} s",
+            "intermittent": f"intermittent, {self.dropout_probability:.3g} lost",
+        }.get(self.to, self.to)
+        return f"reading {self.reading} of {self.who} {state} {self.period}"
 
 
 class LinkFault(Transmitted, _TemporaryFault):
@@ -114,6 +133,7 @@ class LinkFault(Transmitted, _TemporaryFault):
 class ContactFault(_TemporaryFault):
     """A contact, stated as `agent/arm`, opens; no force acts there while it is open.
 
+    With a start time of 0 it is open from the start, and its gripper reports this to the controller.
     From `end_s` on it closes as soon as its tip is within 10 mm of its contact point, by a perfectly inelastic impact.
     """
 
