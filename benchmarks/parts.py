@@ -64,8 +64,9 @@ def cpu_time() -> float:
 def study() -> dict[str, float]:
     """Measure a study by part; the clock of its stages is replaced by the CPU time."""
     import colift
+    from colift.analysis import feasibility
     from colift.closed_loop import flight
-    from colift.scenario import experiment, feasibility
+    from colift.scenario import experiment
     from colift.workflows import study as workflow
 
     cpu: Any = types.SimpleNamespace(perf_counter=time.process_time)
