@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "roofline", "gp", "flight", "study")
+NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "roofline", "gp", "flight", "study", "parts")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Tables of damaged inputs, failing file operations, interrupts and tested versions."""
+"""Tables of damaged inputs, failing file operations, interrupts, killed campaigns and tested versions."""
 
 from __future__ import annotations
 
@@ -32,6 +32,19 @@ def file_operations() -> str:
     """Return the commands whose file operations fail or end the process: operations, kills, faults."""
     rows = ((name, one["operations"], one["killed"], len(one["faults"])) for name, one in items("file_faults").items())
     return markdown(("command", "failing operations", "kills", "faults"), rows)
+
+
+@table("campaign_kills")
+def killed_campaigns() -> str:
+    """Return the campaigns whose processes are killed: kills by target, repeated flights, faults."""
+    rows = []
+    for engine, each in _groups("campaign_kills").items():
+        kills = [kill for one in each for kill in one["kills"]]
+        counts = (sum(kill["target"] == target for kill in kills) for target in ("driver", "worker", "all"))
+        numbers = (sum(one[key] for one in each) for key in ("rows", "repeated"))
+        rows.append((engine, len(kills), *counts, *numbers, count_faults(each)))
+    header = ("engine", "kills", "of the driver", "of a worker", "of all", "flights", "repeated flights", "faults")
+    return markdown(header, rows)
 
 
 @table("damage+fuzz")

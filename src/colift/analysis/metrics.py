@@ -265,7 +265,8 @@ def bound_statistics(flight: FlightResult) -> dict[str, Any]:
     ]
     errors = linearization.group_by_body(joints, *residual_errors)
     radii = [sigma.payload_radius, *(group[:, j] for group in sigma.agent_radius for j in range(group.shape[1]))]
-    betas = [flight.bands.payload_beta, *(beta for group in flight.bands.agent_beta for beta in group)]
+    bands = flight.bands
+    betas = [bands.payload_beta, *(beta for group in bands.agent_beta for beta in group)]
     statistics = [
         _bounded(error, radius, half) | {"beta": np.asarray(beta).tolist()}
         for error, radius, beta in zip(errors, radii, betas, strict=True)

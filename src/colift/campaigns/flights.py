@@ -15,18 +15,26 @@ import time
 from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pydantic import JsonValue
 
 from colift.campaigns import spec
 from colift.campaigns.sampling import PlannedFlight
 from colift.runtime import signals
-from colift.scenario import ScenarioError
+from colift.scenario import Scenario, ScenarioError
+
+if TYPE_CHECKING:
+    from colift.closed_loop.flight import Experiment, FlightResult
 
 MAX_BATCH = 32
 """Largest number of flights of one batch."""
-WORKER_MODULES = ("colift.analysis.metrics", "colift.scenario.experiment", "colift.workflows.study")
+WORKER_MODULES = (
+    "colift.analysis.metrics",
+    "colift.closed_loop.batch",
+    "colift.scenario.experiment",
+    "colift.workflows.study",
+)
 """Modules that `run_batch` imports; they load JAX, which the driver does not."""
 SETTING_PREFIX = "settings."
 """Prefix of the columns of the varied settings."""
@@ -39,7 +47,7 @@ Row = dict[str, Cell]
 
 @dataclasses.dataclass(frozen=True)
 class Batch:
-    """Flights that one task simulates one after another; they share their compiled program.
+    """Flights that one task simulates; they share their compiled program, see `colift.closed_loop.batch`.
 
     Attributes:
         scenario: Settings of the scenario as JSON.
@@ -68,14 +76,38 @@ def run_batch(batch: Batch) -> list[Row]:
     Returns:
         One row per flight, in the order of the batch.
     """
-    rows = []
-    for planned in batch.flights:
+    from colift.closed_loop.batch import run_batch as simulate  # here, because only workers require JAX
+    from colift.closed_loop.part_checks import PartError
+    from colift.scenario.experiment import make_experiment
+
+    cpu, wall = time.process_time(), time.perf_counter()
+    found: dict[int, Row] = {}
+    plans: list[_Plan] = []
+    for k, planned in enumerate(batch.flights):
         signals.raise_if_interrupted()
-        cpu, wall = time.process_time(), time.perf_counter()
-        found = _simulate(planned, batch)
-        cost = {"cpu_s": time.process_time() - cpu, "wall_s": time.perf_counter() - wall}
-        rows.append(identity(planned) | found | cost | {"worker": f"{socket.gethostname()}:{os.getpid()}"})
-    return rows
+        try:
+            settings = spec.with_settings(batch.scenario, batch.file, (("seed", planned.seed), *planned.settings))
+            experiment = make_experiment(settings, planned.case)
+        except (ScenarioError, PartError) as error:
+            found[k] = {"complete": False, "termination_reason": f"refused: {str(error).splitlines()[0]}"}
+            continue
+        if batch.duration is not None:
+            experiment = dataclasses.replace(experiment, duration=batch.duration)
+        plans.append(_Plan(k, settings, experiment))
+    for i, result in simulate([plan.experiment for plan in plans]):
+        found[plans[i].index] = _metrics(plans[i], result, batch)
+    number = len(batch.flights)
+    cost = {"cpu_s": (time.process_time() - cpu) / number, "wall_s": (time.perf_counter() - wall) / number}
+    shared = cost | {"worker": f"{socket.gethostname()}:{os.getpid()}"}
+    return [identity(planned) | found[k] | shared for k, planned in enumerate(batch.flights)]
+
+
+class _Plan(NamedTuple):
+    """Flight of a batch whose settings are valid: its position, settings and experiment."""
+
+    index: int
+    settings: Scenario
+    experiment: Experiment
 
 
 def identity(planned: PlannedFlight) -> Row:
@@ -100,24 +132,15 @@ def log_file(folder: Path, identifier: str) -> Path:
     return folder / f"{identifier[:16]}.nc"
 
 
-def _simulate(planned: PlannedFlight, batch: Batch) -> Row:
-    """Simulate one flight; return its end and its metrics."""
-    from colift.analysis import metrics  # here, because only workers require JAX
-    from colift.closed_loop import flight, log
-    from colift.closed_loop.part_checks import PartError
-    from colift.scenario.experiment import make_experiment
+def _metrics(plan: _Plan, result: FlightResult, batch: Batch) -> Row:
+    """Return end and metrics of a flight; save its log if the batch requires it."""
+    from colift.analysis import metrics
+    from colift.closed_loop import log
     from colift.workflows import study
 
-    try:
-        settings = spec.with_settings(batch.scenario, batch.file, (("seed", planned.seed), *planned.settings))
-        experiment = make_experiment(settings, planned.case)
-    except (ScenarioError, PartError) as error:
-        return {"complete": False, "termination_reason": f"refused: {str(error).splitlines()[0]}"}
-    if batch.duration is not None:
-        experiment = dataclasses.replace(experiment, duration=batch.duration)
-    result = flight.run_experiment(experiment)
+    planned, experiment = batch.flights[plan.index], plan.experiment
     if batch.log_folder is not None:
-        dataset = study.flight_dataset(settings, planned.case, result, experiment)
+        dataset = study.flight_dataset(plan.settings, planned.case, result, experiment)
         path = log_file(Path(batch.log_folder), planned.id)
         path.parent.mkdir(exist_ok=True)
         log.save(dataset, path)

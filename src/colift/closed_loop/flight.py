@@ -5,6 +5,7 @@ becomes active after the stated fit latency.
 
 See Also:
     colift.closed_loop.simulator: one control period, and rollouts.
+    colift.closed_loop.batch: several flights in one program.
     colift.onboard.learning.online_learner: the model updates.
 """
 
@@ -15,7 +16,7 @@ import dataclasses
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Generic, Protocol, runtime_checkable
+from typing import Any, Generic, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +30,7 @@ from colift.models import grasp
 from colift.models.state import State
 from colift.onboard.controller import LeaderFollowerController
 from colift.onboard.estimation.contact_forces import ResidualPriorEstimator
-from colift.onboard.learning import confidence_bounds, model_update, residual_model, semiparametric
+from colift.onboard.learning import compact_model, confidence_bounds, model_update, residual_model, semiparametric
 from colift.onboard.learning.online_learner import (
     IdentificationOptions,
     ModelUpdate,
@@ -131,6 +132,61 @@ class ModelInterval:
 
 
 @dataclasses.dataclass(frozen=True)
+class CompactInterval:
+    """Model interval without the factors of its Gaussian processes, which each access computes again.
+
+    Attributes:
+        start_tick: Index of the first control period.
+        compact_model: Residual model.
+        compact_posterior: Companion posteriors of the error bounds.
+        payload_beta: Factors of the error bounds of the payload.
+        agent_beta: Factors of the error bounds of the agents, by group.
+        mean_uncertainties: Mean uncertainties of the model, by body.
+    """
+
+    start_tick: int
+    compact_model: compact_model.CompactModel
+    compact_posterior: compact_model.CompactModel
+    payload_beta: jax.Array
+    agent_beta: tuple[jax.Array, ...]
+    mean_uncertainties: semiparametric.MeanUncertainties
+
+    @property
+    def model(self) -> residual_model.ResidualModel:
+        """Residual model."""
+        return self.compact_model.restored()
+
+    @property
+    def bands(self) -> confidence_bounds.ConfidenceBands:
+        """Error bounds of the model."""
+        return confidence_bounds.ConfidenceBands(
+            bound_posterior=self.compact_posterior.restored(),
+            payload_beta=self.payload_beta,
+            agent_beta=self.agent_beta,
+        )
+
+
+def compact_interval(interval: ModelInterval) -> ModelInterval | CompactInterval:
+    """Return a model interval without factors, or the interval itself if they cannot be computed from the data.
+
+    Args:
+        interval: Interval of a flight without online updates, whose noise is not correlated.
+    """
+    model, bands = compact_model.compact(interval.model), interval.bands
+    posterior = compact_model.compact(bands.bound_posterior) if model is not None else None
+    if model is None or posterior is None:
+        return interval
+    return CompactInterval(
+        start_tick=interval.start_tick,
+        compact_model=model,
+        compact_posterior=posterior,
+        payload_beta=bands.payload_beta,
+        agent_beta=bands.agent_beta,
+        mean_uncertainties=interval.mean_uncertainties,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class FlightResult:
     """Records of a simulated flight, its last residual model and the uncertainty of all models.
 
@@ -139,8 +195,7 @@ class FlightResult:
         uncertainty: Standard deviations and error bounds along the flight, at a lower rate.
         updates: Model updates in the order of their activation.
         termination_reason: Violated limit, body and time; empty if the flight is complete.
-        model: Residual model at the end of the flight.
-        bands: Error bounds of this model.
+        interval: Residual model at the end of the flight with its error bounds.
         wall_time: Computation time by stage [s].
         learning_warnings: Sentences on updates that failed, were omitted or were not finished.
     """
@@ -149,10 +204,19 @@ class FlightResult:
     uncertainty: PredictionUncertainty
     updates: tuple[ModelUpdate, ...]
     termination_reason: str
-    model: residual_model.ResidualModel
-    bands: confidence_bounds.ConfidenceBands
+    interval: ModelInterval | CompactInterval
     wall_time: dict[str, float]
     learning_warnings: tuple[str, ...] = ()
+
+    @property
+    def model(self) -> residual_model.ResidualModel:
+        """Residual model at the end of the flight; each access may compute its factors again."""
+        return self.interval.model
+
+    @property
+    def bands(self) -> confidence_bounds.ConfidenceBands:
+        """Error bounds of this model; each access may compute their factors again."""
+        return self.interval.bands
 
 
 CHUNK_DURATION = 0.5  # s, simulated time between two reports of progress
@@ -194,79 +258,189 @@ def run_experiment(
             flight = run_experiment(colift.make_experiment(scenario, "C1"))
             print(np.linalg.norm(flight.records.e_p[-1]))
     """
-    experiment = experiment.calibrated()
-    dt, setup = experiment.dt, experiment.loop_config
-    chunk_ticks, ticks = ticks_per_chunk(experiment), round(experiment.duration / dt)
-    model_updates, uncertainty = _ModelUpdates(experiment, on_model), _Uncertainty(experiment)
-    key = jax.random.fold_in(jax.random.key(experiment.seed), 2)
-    wall_time = {"simulation": 0.0, "fit": 0.0, "error_bounds": 0.0}
-    loop = reset(setup, experiment.initial_state)
-    done, termination_reason = 0, ""
-    progress(0.0)
-    with contextlib.closing(RecordFile(ticks, record_path)) as file:
-        while done < ticks and not termination_reason:
+    with contextlib.closing(SimulatedFlight(experiment, on_model, record_path)) as flight:
+        setup = flight.setup
+        loop = reset(setup, flight.experiment.initial_state)
+        progress(0.0)
+        while flight.continues:
             signals.raise_if_interrupted()
-            chunk_start = done - done % chunk_ticks  # noise is drawn for whole chunks, so that updates do not change it
-            chunk_end = min(chunk_start + chunk_ticks, ticks, *model_updates.event_ticks(done))
             start_time = time.perf_counter()
-            noise = draw_noise(experiment.world, jax.random.fold_in(key, chunk_start), chunk_ticks)
-            if done > chunk_start:
-                noise = jax.tree.map(lambda x, offset=done - chunk_start: jnp.roll(x, -offset, axis=0), noise)
-            loop, rows = rollout(setup, loop, noise, jnp.asarray(chunk_end - done))
-            end_tick = int(loop.tick)
-            rows = jax.tree.map(lambda x, n=end_tick - done: np.asarray(x)[:n], rows)
-            file.append(rows)
-            if int(loop.termination):
-                termination_reason = _termination_reason(experiment, rows, loop)
-            uncertainty.add(done, rows)
-            done = end_tick
-            wall_time["simulation"] += time.perf_counter() - start_time
+            noise, ticks = flight.next_chunk()
+            loop, rows = rollout(setup, loop, noise, jnp.asarray(ticks))
+            rows = flight.add_records(loop, rows)
+            flight.wall_time["simulation"] += time.perf_counter() - start_time
             on_chunk(rows)
-            start_time, interval = time.perf_counter(), model_updates.interval
-            changed = not termination_reason and model_updates.run(done, done < ticks, loop)
-            wall_time["fit"] += time.perf_counter() - start_time
-            if changed:
-                start_time = time.perf_counter()
-                uncertainty.evaluate(interval)
-                wall_time["error_bounds"] += time.perf_counter() - start_time
-                controller = dataclasses.replace(experiment.controller, residual_model=model_updates.interval.model)
-                setup = dataclasses.replace(setup, controller=controller)
-            progress(done * dt)
-        records = file.read()
-    start_time = time.perf_counter()
-    uncertainty.evaluate(model_updates.interval)
-    found = uncertainty.result()
-    wall_time["error_bounds"] += time.perf_counter() - start_time
-    return FlightResult(
-        records=records,
-        uncertainty=found,
-        updates=tuple(model_updates.activated),
-        termination_reason=termination_reason,
-        model=model_updates.interval.model,
-        bands=model_updates.interval.bands,
-        wall_time=wall_time,
-        learning_warnings=model_updates.warnings(),
-    )
+            if flight.update_model(loop):
+                setup = flight.setup
+            progress(flight.time)
+        return flight.result()
+
+
+class SimulatedFlight:
+    """Flight in progress: draws the noise of its next control periods, stores their records and updates its model.
+
+    Example:
+        ::
+
+            while flight.continues:
+                noise, ticks = flight.next_chunk()
+                loop, rows = rollout(flight.setup, loop, noise, jnp.asarray(ticks))
+                flight.add_records(loop, rows)
+                flight.update_model(loop)
+            found = flight.result()
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment[World],
+        on_model: Callable[[ModelInterval], None] = lambda _interval: None,
+        record_path: Path | None = None,
+        keep_factors: bool = True,
+    ) -> None:
+        """Start at the first control period.
+
+        Args:
+            experiment: Definition of the flight.
+            on_model: As in `run_experiment`.
+            record_path: As in `run_experiment`.
+            keep_factors: Whether the factors of the model stay in memory between two updates.
+
+        Raises:
+            OSError: If the file of the records cannot be created.
+        """
+        self.experiment = experiment = experiment.calibrated()
+        self.wall_time = {"simulation": 0.0, "fit": 0.0, "error_bounds": 0.0}
+        self.termination_reason = ""
+        self._ticks, self._done = round(experiment.duration / experiment.dt), 0
+        self._updates = _ModelUpdates(experiment, on_model, keep_factors)
+        self._uncertainty = _Uncertainty(experiment)
+        self._key = jax.random.fold_in(jax.random.key(experiment.seed), 2)
+        self._file = RecordFile(self._ticks, record_path)
+
+    @property
+    def continues(self) -> bool:
+        """True while control periods are left."""
+        return self._done < self._ticks and not self.termination_reason
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self._done * self.experiment.dt
+
+    @property
+    def setup(self) -> LoopConfig[World, LeaderFollowerController]:
+        """Constant data of the closed loop with the model in use."""
+        controller = dataclasses.replace(self.experiment.controller, residual_model=self._updates.interval.model)
+        return dataclasses.replace(self.experiment.loop_config, controller=controller)
+
+    def next_chunk(self) -> tuple[Any, int]:
+        """Return the noise of the next control periods and their number.
+
+        Noise is drawn for whole chunks, so that updates do not change it.
+        """
+        size = ticks_per_chunk(self.experiment)
+        start = self._done - self._done % size
+        end = min(start + size, self._ticks, *self._updates.event_ticks(self._done))
+        noise = draw_noise(self.experiment.world, jax.random.fold_in(self._key, start), size)
+        if self._done > start:
+            noise = jax.tree.map(lambda x, offset=self._done - start: jnp.roll(x, -offset, axis=0), noise)
+        return noise, end - self._done
+
+    def add_records(self, loop: LoopState, rows: StepRecord) -> StepRecord:
+        """Store the records of the last chunk.
+
+        Args:
+            loop: Loop state after the chunk.
+            rows: Records of the chunk, of any capacity.
+
+        Returns:
+            The records of the simulated control periods as NumPy arrays.
+        """
+        end = int(loop.tick)
+        rows = jax.tree.map(lambda x, n=end - self._done: np.asarray(x)[:n], rows)
+        self._file.append(rows)
+        if int(loop.termination):
+            self.termination_reason = _termination_reason(self.experiment, rows, loop)
+        self._uncertainty.add(self._done, rows)
+        self._done = end
+        return rows
+
+    def update_model(self, loop: LoopState) -> bool:
+        """Perform the model updates that are due after the last chunk.
+
+        Args:
+            loop: Loop state after the chunk.
+
+        Returns:
+            Whether another model is in use.
+        """
+        start_time = time.perf_counter()
+        ended = None
+        if not self.termination_reason:
+            ended = self._updates.run(self._done, self._done < self._ticks, loop)
+        self.wall_time["fit"] += time.perf_counter() - start_time
+        if ended is None:
+            return False
+        start_time = time.perf_counter()
+        self._uncertainty.evaluate(ended)
+        self.wall_time["error_bounds"] += time.perf_counter() - start_time
+        return True
+
+    def result(self) -> FlightResult:
+        """Return the records, the last residual model and the uncertainty along the flight."""
+        records, start_time = self._file.read(), time.perf_counter()
+        self._uncertainty.evaluate(self._updates.interval)
+        found = self._uncertainty.result()
+        self.wall_time["error_bounds"] += time.perf_counter() - start_time
+        return FlightResult(
+            records=records,
+            uncertainty=found,
+            updates=tuple(self._updates.activated),
+            termination_reason=self.termination_reason,
+            interval=self._updates.compacted(),
+            wall_time=self.wall_time,
+            learning_warnings=self._updates.warnings(),
+        )
+
+    def close(self) -> None:
+        """Close the file of the records; those of `result` stay valid."""
+        self._file.close()
 
 
 class _ModelUpdates:
     """Schedule of the model updates of one flight, the model in use and the update that is not yet active."""
 
-    def __init__(self, experiment: Experiment[World], on_model: Callable[[ModelInterval], None]) -> None:
+    def __init__(
+        self, experiment: Experiment[World], on_model: Callable[[ModelInterval], None], keep_factors: bool
+    ) -> None:
         """Start with the initial residual model of the controller."""
-        self.experiment, self.on_model = experiment, on_model
+        self.experiment, self.on_model, self.keep_factors = experiment, on_model, keep_factors
         self.learner = OnlineLearner(experiment.fit_options, experiment.identification, experiment.online_updates)
         self.due = _update_ticks(experiment)
         self.pending: tuple[int, residual_model.ResidualModel, ModelUpdate] | None = None
         self.activated: list[ModelUpdate] = []
         self.omitted: list[float] = []  # s, update times at which the previous update was not finished
-        self.interval = self._begin(0, experiment.controller.residual_model)
+        self._begin(0, experiment.controller.residual_model)
+
+    @property
+    def interval(self) -> ModelInterval:
+        """The model in use with its error bounds."""
+        kept = self._interval
+        if isinstance(kept, ModelInterval):
+            return kept
+        return ModelInterval(kept.start_tick, kept.model, kept.bands, kept.mean_uncertainties)
+
+    def compacted(self) -> ModelInterval | CompactInterval:
+        """Return the model in use with its error bounds, without factors if the data determine them."""
+        if not isinstance(self._interval, ModelInterval) or self.experiment.online_updates is not None:
+            return self._interval
+        return compact_interval(self._interval)
 
     def event_ticks(self, done: int) -> list[int]:
         """Return the ticks after `done` at which an update is due or becomes active."""
         return [k for k in (*self.due, *([self.pending[0]] if self.pending else [])) if k > done]
 
-    def run(self, done: int, continues: bool, loop: LoopState) -> bool:
+    def run(self, done: int, continues: bool, loop: LoopState) -> ModelInterval | None:
         """Perform the update that is due at a tick, and activate the pending one.
 
         Args:
@@ -275,20 +449,24 @@ class _ModelUpdates:
             loop: Loop state, which contains the recorded samples.
 
         Returns:
-            Whether another model is in use.
+            The interval that ended; None if the same model stays in use.
         """
         start_time, dt = time.perf_counter(), self.experiment.dt
-        is_due, changed = done in self.due and continues, False
+        is_due, ended = done in self.due and continues, None
+        if not is_due and not (self.pending and self.pending[0] <= done):
+            return None
+        before = self.interval
         while True:
             if self.pending and self.pending[0] <= done:
                 (_, model, update), self.pending = self.pending, None
-                self.interval = self._begin(done, model)
+                ended = before
+                self._begin(done, model)
                 self.activated.append(dataclasses.replace(update, activation_time=done * dt))
-                changed = True
             elif is_due and self.pending is None:
                 is_due = False
-                before, samples = self.interval.model, loop.controller.recorder
-                model, update = self.learner.update(before, samples, done * dt, fit=self.due[done])
+                in_use = self._interval.model if ended else before.model
+                samples = jax.tree.map(jnp.asarray, loop.controller.recorder)  # NumPy arrays in a batch
+                model, update = self.learner.update(in_use, samples, done * dt, fit=self.due[done])
                 latency = self.experiment.fit_latency
                 latency = time.perf_counter() - start_time if latency is None else latency
                 self.pending = done + round(latency / dt), model, update
@@ -296,21 +474,22 @@ class _ModelUpdates:
                 break
         if is_due:
             self.omitted.append(done * dt)
-        return changed
+        return ended
 
-    def _begin(self, done: int, model: residual_model.ResidualModel) -> ModelInterval:
-        """Return the interval of a model that is in use from this tick on.
+    def _begin(self, done: int, model: residual_model.ResidualModel) -> None:
+        """Begin the interval of a model that is in use from this tick on.
 
         The learner starts no update before the model of the previous one is in use, so its mean uncertainties are those
         of this model.
         """
         assumptions, index = self.experiment.bound_assumptions, len(self.activated) + 1
         bands = confidence_bounds.confidence_bands(model, assumptions, index)
-        interval = ModelInterval(
+        self._interval: ModelInterval | CompactInterval = ModelInterval(
             start_tick=done, model=model, bands=bands, mean_uncertainties=self.learner.mean_uncertainties
         )
-        self.on_model(interval)
-        return interval
+        self.on_model(self._interval)
+        if not self.keep_factors:
+            self._interval = self.compacted()
 
     def warnings(self) -> tuple[str, ...]:
         """Describe updates that failed, were omitted or were not finished, one sentence each."""

@@ -193,6 +193,66 @@ def compile_rollout(*templates: Any) -> Callable[..., tuple[LoopState, StepRecor
     return _program(_advance, *templates)
 
 
+class BatchedRollout:
+    """Compiled program of `rollout` for several flights.
+
+    Attributes:
+        read: Indices of the leaves of the setup that the program reads.
+    """
+
+    def __init__(self, structure: Any, read: frozenset[int]) -> None:
+        """Compile nothing yet.
+
+        Args:
+            structure: Tree structure of the arguments of `rollout`.
+            read: As the attribute.
+        """
+        self.read = read
+        setup, *others = (part.num_leaves for part in structure.children())
+        axes = [0 if k in read else None for k in range(setup)] + [0] * sum(others)
+
+        def advance(*leaves: Any) -> Any:
+            return _native_advance(*jax.tree.unflatten(structure, leaves))
+
+        self._program = jax.jit(jax.vmap(advance, in_axes=axes))
+
+    def __call__(self, setup: list[Any], loop: Any, noise: Any, ticks: Any) -> Any:
+        """Simulate up to `ticks` control periods of each flight.
+
+        Args:
+            setup: Leaves of the setup; those in `read` have the flights as first axis.
+            loop: Loop states, flights first.
+            noise: Noise, flights first.
+            ticks: Number of control periods of each flight.
+
+        Returns:
+            Loop states and records, flights first.
+        """
+        return self._program(*setup, *jax.tree.leaves((loop, noise)), ticks)
+
+
+def compile_batched_rollout(*templates: Any) -> BatchedRollout | None:
+    """Return the compiled program of `rollout` for several flights with arguments like these.
+
+    Args:
+        *templates: Arguments of `rollout` for one flight.
+
+    Returns:
+        The program; None if the rollout has no native code.
+    """
+    leaves, structure = jax.tree.flatten(templates)
+    return _compiled_batch(structure, tuple(map(jax.typeof, leaves)))
+
+
+@functools.cache
+def _compiled_batch(structure: Any, types: tuple[Any, ...]) -> BatchedRollout | None:
+    """Compile a rollout of several flights for arguments of the given structure and types."""
+    templates = [jax.ShapeDtypeStruct(each.shape, each.dtype) for each in types]
+    read = codegen.read_arguments(_native_advance, *jax.tree.unflatten(structure, templates))
+    setup = structure.children()[0].num_leaves
+    return None if read is None else BatchedRollout(structure, frozenset(k for k in read if k < setup))
+
+
 def _program(f: Callable[..., Any], *templates: Any) -> Callable[..., Any]:
     """Return the compiled program of a function for arguments like these."""
     leaves, structure = jax.tree.flatten(templates)
@@ -225,3 +285,7 @@ def _advance(
 
     loop, rows, _ = jax.lax.while_loop(unfinished, body, (loop, rows, jnp.zeros((), int)))
     return loop, rows
+
+
+_native_advance = codegen.compile(_advance)
+"""Native code of `_advance`, also for several flights."""

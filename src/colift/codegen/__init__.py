@@ -53,7 +53,7 @@ from colift.codegen.jax_internals import Program, UnsupportedPrimitive
 from colift.codegen.layout import FunctionLayout
 from colift.codegen.vmap_primitive import trace
 
-__all__ = ["CompilerError", "UnsupportedPrimitive", "compile", "source"]
+__all__ = ["CompilerError", "UnsupportedPrimitive", "compile", "read_arguments", "source"]
 
 RULES = (elementwise, shape_rules, indexing, reduction, linalg, loops)  # each registers its rules on import
 
@@ -129,6 +129,28 @@ def compile(f: Callable[..., Any], *, threads: int | None = None) -> Callable[..
         return jax.tree.unflatten(out, native_p.bind(*leaves, jaxpr=jaxpr, threads=limit))
 
     return compiled
+
+
+def read_arguments(f: Callable[..., Any], *args: Any) -> frozenset[int] | None:
+    """Return the arguments that the native code of a batch reads.
+
+    Args:
+        f: Function from `compile`.
+        *args: Arguments of one sample.
+
+    Returns:
+        Indices of the leaves of `args`; None if the function runs on JAX.
+    """
+    with jax_internals.readable("jaxpr"):
+        equations = Program.from_jaxpr(jax.make_jaxpr(f)(*args)).equations
+    jaxpr = next((e.eqn.params["jaxpr"] for e in equations if e.name == native_p.name), None)
+    if jaxpr is None:
+        return None
+    try:
+        build.require_compiler()
+        return frozenset(k for group in _target(jaxpr, True)[1] for k in group)
+    except (build.LibraryUnavailable, UnsupportedPrimitive):
+        return None
 
 
 def _batch_shape(args: Sequence[Any], jaxpr: Any) -> tuple[int, ...]:

@@ -112,29 +112,19 @@ def condition(
         raise ValueError(f"X {X.shape} and Y {Y.shape}: hyper has {D} dimensions and {m} outputs")
     if capacity < N:
         raise ValueError(f"{N} data points: capacity is {capacity}")
-    s, ls, v, offset = (
-        np.asarray(a) for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance, hyper.constant_mean)
-    )
-    W = np.tile(np.eye(capacity), (m, 1, 1))
+    W, offset = inverse_factors(X, hyper, capacity, noise_covariance), np.asarray(hyper.constant_mean)
     alpha = np.zeros((m, capacity))
     with single_thread_blas(N):
         for i in range(m):
-            K = gram_matrix(X, s[i], ls[i], v[i], hyper.kernel)
-            if noise_covariance is not None:
-                K += np.asarray(noise_covariance)[i]
-            L, info = dpotrf(K.T, lower=1, overwrite_a=1)
-            if info:
-                raise ValueError(f"output {i}: " + conditioning_error_message(N, s[i], v[i]))
-            W_i, _ = dtrtri(L, lower=1, overwrite_c=1)
-            W[i, :N, :N] = W_i
             with np.errstate(over="ignore", invalid="ignore"):
+                W_i = np.asfortranarray(W[i, :N, :N])  # as LAPACK returns it: rounding depends on the layout
                 w = W_i @ (Y[:, i] - offset[i])
                 alpha[i, :N] = W_i.T @ w
                 finite = np.isfinite(w @ w) and np.isfinite(alpha[i]).all()
             if not finite:
                 raise ValueError(
                     f"output {i}: Y of magnitude {np.abs(Y[:, i]).max():.3g} and constant_mean = {offset[i]:.3g} "
-                    f"exceed the range of float64 for noise_variance = {v[i]:.3g}"
+                    f"exceed the range of float64 for noise_variance = {float(hyper.noise_variance[i]):.3g}"
                 )
     pad = ((0, capacity - N), (0, 0))
     return GPPosterior(
@@ -145,6 +135,43 @@ def condition(
         inverse_cholesky=jnp.asarray(W),
         alpha=jnp.asarray(alpha),
     )
+
+
+def inverse_factors(
+    X: np.ndarray,
+    hyper: Hyperparameters,
+    capacity: int,
+    noise_covariance: ArrayLike | None = None,
+    outputs: int | None = None,
+) -> np.ndarray:
+    """Compute the inverse Cholesky factors of a posterior (host, O(N^3)).
+
+    Args:
+        X: Inputs, `(N, dimensions)`.
+        hyper: Hyperparameters.
+        capacity: Maximum number of points.
+        noise_covariance: Covariance of correlated noise, `(outputs, N, N)`, in addition to `noise_variance`.
+        outputs: Number of outputs, from the first; None: all.
+
+    Returns:
+        `(outputs, capacity, capacity)`; rows without a point are those of the identity.
+
+    Raises:
+        ValueError: If a Gram matrix is not positive definite to working precision.
+    """
+    N = len(X)
+    s, ls, v = (np.asarray(a)[:outputs] for a in (hyper.signal_variance, hyper.lengthscales, hyper.noise_variance))
+    W = np.tile(np.eye(capacity), (len(s), 1, 1))
+    with single_thread_blas(N):
+        for i in range(len(s) if N else 0):
+            K = gram_matrix(X, s[i], ls[i], v[i], hyper.kernel)
+            if noise_covariance is not None:
+                K += np.asarray(noise_covariance)[i]
+            L, info = dpotrf(K.T, lower=1, overwrite_a=1)
+            if info:
+                raise ValueError(f"output {i}: " + conditioning_error_message(N, s[i], v[i]))
+            W[i, :N, :N], _ = dtrtri(L, lower=1, overwrite_c=1)
+    return W
 
 
 def from_expansion(

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from colift.analysis import metrics
 from colift.closed_loop import log
-from colift.closed_loop.flight import FlightResult
+from colift.closed_loop.flight import FlightResult, ModelInterval
 from colift.closed_loop.signals import StepRecord
 from colift.models.parameters import Team
 from colift.onboard.learning import confidence_bounds
@@ -47,8 +47,7 @@ def flight(seed: int, shape: flights.Shape = SHAPE, **rows: np.ndarray) -> Fligh
         uncertainty=flights.sigma(rng, shape),
         updates=(),
         termination_reason="",
-        model=model,
-        bands=bands,
+        interval=ModelInterval(0, model, bands),
         wall_time={},
     )
 

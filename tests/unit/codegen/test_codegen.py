@@ -268,6 +268,17 @@ def test_batches_may_share_any_argument(axes):
     assert_close(actual, expected)
 
 
+def test_read_arguments_are_those_that_results_depend_on(monkeypatch):
+    """An argument inside an unread branch of a tree is not read; a function without native code has none."""
+    first, unread, last = (jnp.arange(3.0), jnp.ones((4, 4)), jnp.array(2.0))
+    used = codegen.compile(lambda pair, scale: jnp.sin(pair[0]) * scale)
+    assert codegen.read_arguments(used, (first, unread), last) == {0, 2}
+    callback = codegen.compile(lambda x: jax.pure_callback(np.sin, jax.ShapeDtypeStruct((3,), float), x))
+    assert codegen.read_arguments(callback, first) is None
+    monkeypatch.setattr(codegen.build, "compiler", lambda: None)
+    assert codegen.read_arguments(used, (first, unread), last) is None
+
+
 def test_nested_batches():
     rng = np.random.default_rng(0)
     a, b = jnp.asarray(rng.normal(size=(5, 3))), jnp.asarray(rng.normal(size=(7, 3, 3)))
