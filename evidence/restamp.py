@@ -57,6 +57,7 @@ ITEMS = {  # the item that is replayed, where it is not the first that is stored
     "engines": "C3",
     "file_faults": "tune",
     "generalization": "place: home: 0",
+    "limits": "trio C1 301",
     "plant": "energy, reference, 0",
     "react": "10",
     "rivals": "calibration 0",

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from evidence import limits as limit_flights
 from evidence import payloads, realization, verdicts
 from results_tables import CASES, items, limits, markdown, number, table
+from results_tables import targets as target_table
 from tests.support import user_teams
 
 KINDS = {
@@ -16,6 +18,45 @@ KINDS = {
     "tuned_gains": "tuned",
     "random_search": "random search, same budget",
 }
+
+
+@table("limits")
+def limits_targets() -> str:
+    """Targets of the flights at thrust limits and with losses of thrust."""
+    return target_table(limit_flights.targets(items("limits")))
+
+
+@table("limits")
+def limits_fractions() -> str:
+    """Flights at thrust limits and with losses that meet their targets, by team and case."""
+    names = [f"{100 * level:g} %" for level in limit_flights.LEVELS]
+    names += ["bearable", "told", "estimated", "dip"]
+    rows = []
+    for team, case in itertools.product(limit_flights.TEAMS, limit_flights.CASES):
+        found = limit_flights.counts(items("limits"), team, case)
+        rows.append(
+            (f"`{team}`", f"`{case}`", *("-" if n not in found else "{} of {}".format(*found[n]) for n in names))
+        )
+    return markdown(("team", "case", *names), rows)
+
+
+@table("limits")
+def limits_values() -> str:
+    """Largest attitude error and ratio of contact forces at thrust limits, by team and case: medians over seeds."""
+    names = ["unlimited", *(f"{100 * level:g} %" for level in limit_flights.LEVELS), "bearable", "clipped"]
+    rows = []
+    for team, case in itertools.product(limit_flights.TEAMS, limit_flights.CASES):
+        groups = limit_flights.flights_of(items("limits"), team, case)
+        cells = []
+        for name in names:
+            flown = [(one[name], one["unlimited"]) for one in groups if name in one]
+            kept = [(a, b) for a, b in flown if not a["termination_reason"]]
+            angle = np.median([a["attitude_deg"] for a, _ in kept]) if kept else np.inf
+            ratio = np.median([a["contact_force_N"] / b["contact_force_N"] for a, b in kept]) if kept else np.inf
+            ended = f" ({len(flown) - len(kept)} lost)" * (len(kept) < len(flown))
+            cells.append(f"{angle:.2g}, {ratio:.2f}{ended}" if kept else "lost")
+        rows.append((f"`{team}`", f"`{case}`", *cells))
+    return markdown(("team", "case", *names), rows)
 
 
 @table("starts")
