@@ -246,7 +246,7 @@ def _limit(given: schema.LaggedMotors, thrust_max: Array) -> actuators.InputLimi
 
 def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:
     """Return the sensor noise, in SI units."""
-    given = settings.sensors
+    given, types = settings.sensors, team_module.contact_types(settings)
     return SensorNoise(
         position=array(given.position_m),
         attitude=array(np.deg2rad(given.attitude_deg)),
@@ -255,7 +255,7 @@ def make_sensor_noise(settings: schema.Scenario) -> SensorNoise:
         accelerometer=array(given.accelerometer_mps2),
         joint_position=array(np.deg2rad(given.joint_position_deg)),
         tip_force=array(given.tip_force_N),
-        tip_moment=array(given.tip_moment_Nm),
+        tip_moment=array(0.0 if set(types) == {"point"} else given.tip_moment_Nm),
         tip_force_bias=array(given.tip_force_bias_N),
         tip_force_bandwidth=array(given.tip_force_bandwidth_Hz),
     )

@@ -222,7 +222,7 @@ WRONG = [  # original text, replacement, line of the error
     (
         "duration_s: 20",
         "duration_s: 3000",
-        "the log of this team at 500 Hz would take 3.98 GB; 2 GB are allowed, 1506 s",
+        "the log of this team at 500 Hz would take 4.13 GB; 2 GB are allowed, 1453 s",
     ),
     (
         "max_samples: 256",
