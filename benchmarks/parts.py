@@ -1,4 +1,4 @@
-"""What surrounds the control periods: CPU seconds of a study with full caches by part, and of flights in a batch.
+"""CPU seconds of the parts of a study with full caches, of planning, and of flights in a batch.
 
 The study is `colift study paper`, in a new process. The flights of a batch are C3 of `paper`, which learn, and C1 of
 `campaigns/throughput.yaml` with planning and metrics.

@@ -207,36 +207,21 @@ def contact_error_rate(
     return matvec(q.J_tip, xi[None]) + matvec(state.R.T[None], (state.v - payload.v)[None] - c_dot)
 
 
-def moment_directions(
-    agent: AerialManipulator, R: Float[Array, "3 3"], R_L: Float[Array, "3 3"]
-) -> Float[Array, "moments 3"]:
-    """Return the directions in which the contacts of an agent bear moments.
-
-    Args:
-        agent: Parameters of the agent, with contacts that bear moments.
-        R: Attitude of the agent.
-        R_L: Attitude of the payload.
-
-    Returns:
-        Unit vectors, base frame.
-    """
-    assert agent.moment_axis is not None  # for the type checker
-    return matvec(matmul(R.T, R_L)[None], agent.moment_axis)
-
-
 def tip_rotation_jacobian(
-    agent: AerialManipulator, q: aerial_manipulator.CentroidalModel, directions: Float[Array, "moments 3"]
+    agent: AerialManipulator, q: aerial_manipulator.CentroidalModel, to_base: Float[Array, "3 3"]
 ) -> Float[Array, "moments xi"]:
     """Compute the angular velocity of the tip bodies along the directions in which contacts bear moments, per xi.
 
     Args:
-        agent: Parameters of the agent.
+        agent: Parameters of the agent, with contacts that bear moments.
         q: Model of the agent at its joint positions.
-        directions: Directions of `agent.tree.moment_arms`, base frame.
+        to_base: Rotation from the payload frame to the base frame.
 
     Returns:
         The Jacobian; its transpose maps moments on the payload to the opposite of their effect on `(mu, nu)`.
     """
+    assert agent.moment_axis is not None  # for the type checker
+    directions = matvec(to_base[None], agent.moment_axis)
     bodies = np.array(agent.tree.tip_bodies)[list(agent.tree.moment_arms)]
     return (directions[:, :, None] * q.J_angular[bodies]).sum(1)
 
@@ -264,9 +249,9 @@ def rotation_error(
     tip = matmul(matmul(payload.R.T, state.R)[None], g.rotation[np.array(tree.tip_bodies)])
     turned = matmul(tip, transpose(agent.grip_rotation))
     error = so3.vee((turned - transpose(turned)) / 2)
-    assert agent.moment_axis is not None  # for the type checker
-    along = (agent.moment_axis * error[np.array(tree.moment_arms)]).sum(1)
-    return along * np.array([tree.contact_types[b] == RIGID for b in tree.moment_arms], dtype=float)
+    return _along_moment_axes(agent, error) * np.array(
+        [tree.contact_types[b] == RIGID for b in tree.moment_arms], dtype=float
+    )
 
 
 def rotation_error_rate(
@@ -285,10 +270,9 @@ def rotation_error_rate(
     Returns:
         Angular velocities [rad/s].
     """
-    assert agent.moment_axis is not None  # for the type checker
     w, _ = aerial_manipulator.angular_motion_of_tips(agent, g, state.omega, state.r_dot)
     relative = matvec(matmul(payload.R.T, state.R)[None], w) - payload.omega[None]
-    return (agent.moment_axis * relative[np.array(agent.tree.moment_arms)]).sum(1)
+    return _along_moment_axes(agent, relative)
 
 
 def rotation_acceleration_bias(
@@ -307,11 +291,16 @@ def rotation_acceleration_bias(
     Returns:
         Angular accelerations [rad/s^2].
     """
-    assert agent.moment_axis is not None  # for the type checker
     w, alpha = aerial_manipulator.angular_motion_of_tips(agent, g, state.omega, state.r_dot)
     to_payload = matmul(payload.R.T, state.R)[None]
     bias = matvec(to_payload, alpha) - so3.cross(payload.omega[None], matvec(to_payload, w))
-    return (agent.moment_axis * bias[np.array(agent.tree.moment_arms)]).sum(1)
+    return _along_moment_axes(agent, bias)
+
+
+def _along_moment_axes(agent: AerialManipulator, vectors: Float[Array, "arms 3"]) -> Float[Array, "moments"]:
+    """Return the components of one vector per arm, payload frame, in the directions in which contacts bear moments."""
+    assert agent.moment_axis is not None  # for the type checker
+    return (agent.moment_axis * vectors[np.array(agent.tree.moment_arms)]).sum(1)
 
 
 ContactFunction = Callable[
@@ -420,8 +409,7 @@ def delassus_matrix(
 
     S maps contact forces to accelerations of the contacts, and their moments to angular accelerations. The matrix of
     the team is invertible if and only if S is invertible for every agent, because each agent has a free base. The
-    smallest eigenvalue of the team's matrix is at
-    least the smallest one of the agents.
+    smallest eigenvalue of the team's matrix is at least the smallest one of the agents.
 
     Args:
         agent: Parameters of the agent.
@@ -435,8 +423,7 @@ def delassus_matrix(
     n = agent.tree.arms
     B = q.J_tip.reshape(3 * n, -1)
     if agent.moment_axis is not None:
-        axes = agent.moment_axis if to_base is None else matvec(to_base[None], agent.moment_axis)
-        B = jnp.concatenate([B, tip_rotation_jacobian(agent, q, axes)])
+        B = jnp.concatenate([B, tip_rotation_jacobian(agent, q, jnp.eye(3) if to_base is None else to_base)])
     _, d, Y = udu_eliminate(q.M_bar, B.T)
     translation = jnp.tile(jnp.eye(3), (n, n)) / q.mass
     if (moments := len(agent.tree.moment_arms)) > 0:

@@ -13,12 +13,7 @@ from typing import Any
 
 from colift.scenario.contact_checks import contact_errors, contacts
 from colift.scenario.errors import ErrorMessage, Location, format_value, unknown_name_message
-from colift.scenario.plain_data import MAX_ENTRIES
-from colift.scenario.plain_data import items as _items
-from colift.scenario.plain_data import named as _named
-from colift.scenario.plain_data import names as _names
-from colift.scenario.plain_data import number as _number
-from colift.scenario.plain_data import part as _part
+from colift.scenario.plain_data import MAX_ENTRIES, items, named, names, number, part
 
 LOG_BYTES, MODEL_BYTES = 2e9, 1e9  # a run stores its log three times at its end
 MAX_WAVELENGTH = 1e4  # m
@@ -53,7 +48,7 @@ def consistency_errors(data: dict[str, Any]) -> list[ErrorMessage]:
 def _repeated(items: list[Any], location: Location) -> Iterator[ErrorMessage]:
     known_names: set[Any] = set()
     for i, item in enumerate(items):
-        name = _part(item, "name")
+        name = part(item, "name")
         if isinstance(name, str) and name in known_names:
             yield (*location, i, "name"), f"{format_value(name)} is used twice"
         elif isinstance(name, str):
@@ -62,18 +57,18 @@ def _repeated(items: list[Any], location: Location) -> Iterator[ErrorMessage]:
 
 def bodies(kind: Any) -> list[str]:
     """Names of an agent type's bodies, base first."""
-    return ["base", *_names(_items(kind, "joints"))]
+    return ["base", *names(items(kind, "joints"))]
 
 
 def _agent_types(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    for key, kind in _named(data, "agent_types").items():
+    for key, kind in named(data, "agent_types").items():
         location: Location = ("agent_types", key)
-        joints, arms = _items(kind, "joints"), _items(kind, "arms")
+        joints, arms = items(kind, "joints"), items(kind, "arms")
         yield from _repeated(joints, (*location, "joints"))
         yield from _repeated(arms, (*location, "arms"))
         for i, joint in enumerate(joints):
-            parent, above = _part(joint, "parent"), ["base", *_names(joints[:i])]
-            if _part(joint, "name") == "base":
+            parent, above = part(joint, "parent"), ["base", *names(joints[:i])]
+            if part(joint, "name") == "base":
                 yield (*location, "joints", i, "name"), "'base' names the vehicle itself"
             if isinstance(parent, str) and parent not in above:
                 yield (
@@ -81,7 +76,7 @@ def _agent_types(data: dict[str, Any]) -> Iterator[ErrorMessage]:
                     unknown_name_message(parent, above, "a body listed above this joint"),
                 )
         for i, arm in enumerate(arms):
-            body = _part(arm, "joint")
+            body = part(arm, "joint")
             if isinstance(body, str) and body not in bodies(kind):
                 yield (
                     (*location, "arms", i, "joint"),
@@ -90,15 +85,15 @@ def _agent_types(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _agents(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    agents, kinds = _items(data, "agents"), _named(data, "agent_types")
+    agents, kinds = items(data, "agents"), named(data, "agent_types")
     yield from _repeated(agents, ("agents",))
     for i, agent in enumerate(agents):
-        if _part(agent, "name") in ("payload", "agents"):
-            yield ("agents", i, "name"), f"{_part(agent, 'name')!r} is a reserved name: must be another name"
-        kind = _part(agent, "type")
+        if part(agent, "name") in ("payload", "agents"):
+            yield ("agents", i, "name"), f"{part(agent, 'name')!r} is a reserved name: must be another name"
+        kind = part(agent, "type")
         if isinstance(kind, str) and kinds and kind not in kinds:
             yield ("agents", i, "type"), unknown_name_message(kind, kinds, "one of agent_types")
-        held, arms = _part(agent, "contact_positions_m"), _part(kinds, str(kind), "arms")
+        held, arms = part(agent, "contact_positions_m"), part(kinds, str(kind), "arms")
         if isinstance(held, list | tuple) and isinstance(arms, list | tuple) and len(held) != len(arms):
             yield (
                 ("agents", i, "contact_positions_m"),
@@ -107,13 +102,13 @@ def _agents(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _nominal(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    kinds = _named(data, "agent_types")
-    for key, nominal in _named(data, "nominal", "agent_types").items():
+    kinds = named(data, "agent_types")
+    for key, nominal in named(data, "nominal", "agent_types").items():
         if kinds and key not in kinds:
             yield ("nominal", "agent_types", key), unknown_name_message(key, kinds, "one of agent_types")
             continue
-        joints = bodies(_part(kinds, key))[1:]
-        for joint in _named(nominal, "joints"):
+        joints = bodies(part(kinds, key))[1:]
+        for joint in named(nominal, "joints"):
             if joint not in joints:
                 yield (
                     ("nominal", "agent_types", key, "joints", joint),
@@ -122,14 +117,14 @@ def _nominal(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _disturbances(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    sources, agents = _items(data, "disturbances"), _items(data, "agents")
+    sources, agents = items(data, "disturbances"), items(data, "agents")
     yield from _repeated(sources, ("disturbances",))
     for i, source in enumerate(sources):
         location: Location = ("disturbances", i)
-        on, body, kind = _part(source, "acts_on"), _part(source, "body"), _part(source, "kind")
+        on, body, kind = part(source, "acts_on"), part(source, "body"), part(source, "kind")
         if not isinstance(on, str):
             continue
-        known = ["payload", "agents", *_names(agents)]
+        known = ["payload", "agents", *names(agents)]
         if on not in known:
             yield (*location, "acts_on"), unknown_name_message(on, known, "the payload, all agents or one of them")
         elif on == "payload" and kind in AGENT_ONLY_KINDS:
@@ -139,43 +134,43 @@ def _disturbances(data: dict[str, Any]) -> Iterator[ErrorMessage]:
                 yield (*location, "body"), "must be omitted: the payload is one body"
         elif isinstance(body, str):
             for agent in agents:
-                body_names = bodies(_part(data, "agent_types", str(_part(agent, "type"))))
-                if on in ("agents", _part(agent, "name")) and body not in body_names:
+                body_names = bodies(part(data, "agent_types", str(part(agent, "type"))))
+                if on in ("agents", part(agent, "name")) and body not in body_names:
                     yield (
                         (*location, "body"),
-                        unknown_name_message(body, body_names, f"a body of agent {format_value(_part(agent, 'name'))}"),
+                        unknown_name_message(body, body_names, f"a body of agent {format_value(part(agent, 'name'))}"),
                     )
-    yield from _frictions(sources, _names(agents))
+    yield from _frictions(sources, names(agents))
 
 
 def _frictions(sources: list[Any], agents: list[str]) -> Iterator[ErrorMessage]:
     friction_sources: dict[str, str] = {}
     for i, source in enumerate(sources):
-        if _part(source, "kind") != "joint_friction":
+        if part(source, "kind") != "joint_friction":
             continue
         for agent in agents:
-            if _part(source, "acts_on") in ("agents", agent):
+            if part(source, "acts_on") in ("agents", agent):
                 if agent in friction_sources:
                     yield (
                         ("disturbances", i, "acts_on"),
                         f"agent {format_value(agent)} has joint friction from {format_value(friction_sources[agent])}",
                     )
                     break
-                friction_sources[agent] = str(_part(source, "name"))
+                friction_sources[agent] = str(part(source, "name"))
 
 
 UPDATE_TIMES_PATH = ("learning", "update_times_s")  # location in the data
 
 
 def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    duration = _number(data, "duration_s")
-    start, end = _number(data, "learning", "start_s"), _number(data, "learning", "end_s")
+    duration = number(data, "duration_s")
+    start, end = number(data, "learning", "start_s"), number(data, "learning", "end_s")
     if end > duration:
         yield ("learning", "end_s"), f"must not exceed duration_s = {duration:g}, got {end:g}"
     if start >= end:
         yield ("learning", "start_s"), f"must be less than end_s = {end:g}, got {start:g}"
-    sample = _number(data, "learning", "sample_Hz")
-    times = [_number(data, "learning", "update_times_s", i) for i in range(len(_items(data, *UPDATE_TIMES_PATH)))]
+    sample = number(data, "learning", "sample_Hz")
+    times = [number(data, "learning", "update_times_s", i) for i in range(len(items(data, *UPDATE_TIMES_PATH)))]
     for i, (before, t) in enumerate(itertools.pairwise([start, *times])):
         if t > end:
             yield (*UPDATE_TIMES_PATH, i), f"must not exceed end_s = {end:g}, got {t:g}"
@@ -192,21 +187,21 @@ def _times(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Nothing is recorded between ticks, and no filter of the second order turns faster than every other tick."""
-    control = _number(data, "control_Hz")
-    sample = _number(data, "learning", "sample_Hz")
+    control = number(data, "control_Hz")
+    sample = number(data, "learning", "sample_Hz")
     if sample > control:
         yield ("learning", "sample_Hz"), f"must not exceed control_Hz = {control:g}, got {sample:g}"
     for location in (("learning", "label_filter_Hz"), ("control", "joint_filter_Hz")):
-        corner = _number(data, *location)
+        corner = number(data, *location)
         if corner > control / 2:
             yield location, f"must not exceed half of control_Hz, {control / 2:g}, got {corner:g}"
-    duration, ramp = _number(data, "duration_s"), _number(data, "reference", "ramp_time_s")
-    if _named(data, "random_residual") and _part(data, "reference", "kind") == "plugin":
+    duration, ramp = number(data, "duration_s"), number(data, "reference", "ramp_time_s")
+    if named(data, "random_residual") and part(data, "reference", "kind") == "plugin":
         yield (
             ("random_residual",),
             "must be omitted with a user-defined reference: its centers lie along a built-in one",
         )
-    if _named(data, "random_residual") and ramp >= duration:
+    if named(data, "random_residual") and ramp >= duration:
         yield (
             ("reference", "ramp_time_s"),
             f"must be less than duration_s = {duration:g}: the centers of `random_residual` lie "
@@ -215,8 +210,8 @@ def _rates(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 
 def _ramps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
-    start, over = _number(data, "allocation", "internal", "start_s"), _number(data, "allocation", "internal", "end_s")
-    if 2 * _number(data, "allocation", "internal", "ramp_time_s") > over - start:
+    start, over = number(data, "allocation", "internal", "start_s"), number(data, "allocation", "internal", "end_s")
+    if 2 * number(data, "allocation", "internal", "ramp_time_s") > over - start:
         yield (
             ("allocation", "internal", "ramp_time_s"),
             f"two ramps must fit between start_s and end_s, {over - start:g} s",
@@ -226,9 +221,9 @@ def _ramps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that wavelengths exceed the size of the payload, and are shorter than `MAX_WAVELENGTH`."""
     size = _size(data)
-    for i, source in enumerate(_items(data, "disturbances")):
-        for k in range(len(_items(source, "gusts"))):
-            wave = [_number(source, "gusts", k, "wave_vector_radpm", axis) for axis in range(3)]
+    for i, source in enumerate(items(data, "disturbances")):
+        for k in range(len(items(source, "gusts"))):
+            wave = [number(source, "gusts", k, "wave_vector_radpm", axis) for axis in range(3)]
             k_abs = math.hypot(*wave)  # NaN where it is not a vector
             location: Location = ("disturbances", i, "gusts", k, "wave_vector_radpm")
             if k_abs * MAX_WAVELENGTH < 2 * math.pi:
@@ -236,7 +231,7 @@ def _waves(data: dict[str, Any]) -> Iterator[ErrorMessage]:
                     location,
                     f"has a wavelength above {MAX_WAVELENGTH / 1e3:g} km, which is a mean wind: use mean_wind_mps",
                 )
-            elif _part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
+            elif part(source, "acts_on") == "payload" and k_abs * size > 2 * math.pi:
                 length = f"{2 * math.pi / k_abs:.3g} m"
                 yield (
                     location,
@@ -248,22 +243,22 @@ def _size(data: dict[str, Any]) -> float:
     """Compute the largest distance between two contacts [m]; 0 without contacts."""
     locations = [
         ("agents", i, "contact_positions_m", k)
-        for i, agent in enumerate(_items(data, "agents"))
-        for k in range(len(_items(agent, "contact_positions_m")))
+        for i, agent in enumerate(items(data, "agents"))
+        for k in range(len(items(agent, "contact_positions_m")))
     ]
-    held = [[_number(data, *location, axis) for axis in range(3)] for location in locations[:MAX_ENTRIES]]
+    held = [[number(data, *location, axis) for axis in range(3)] for location in locations[:MAX_ENTRIES]]
     return max((math.dist(a, b) for a, b in itertools.combinations(held, 2) if math.isfinite(sum(a + b))), default=0.0)
 
 
 def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check the memory of the log (duration times rate) and of the models (square of their samples)."""
-    duration, rate = _number(data, "duration_s"), _number(data, "control_Hz")
+    duration, rate = number(data, "duration_s"), number(data, "control_Hz")
     log = 8 * duration * rate * log_size(data)
     if log > LOG_BYTES:
         most = f"{LOG_BYTES / 1e9:g} GB are allowed, {LOG_BYTES / log * duration:.4g} s"
         yield ("duration_s",), f"the log of this team at {rate:g} Hz would take {log / 1e9:.3g} GB; {most}"
     outputs = model_outputs(data)
-    models = 8 * outputs * _number(data, "learning", "max_samples") ** 2
+    models = 8 * outputs * number(data, "learning", "max_samples") ** 2
     if models > MODEL_BYTES:
         most = f"{MODEL_BYTES / 1e9:g} GB are allowed, {math.isqrt(int(MODEL_BYTES / 8 / outputs))} points"
         words = f"the {outputs} outputs of the models would take {models / 1e9:.3g} GB; {most}"
@@ -272,22 +267,22 @@ def _required_memory(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def log_size(data: dict[str, Any]) -> int:
     """Return an upper bound of the number of values per tick in the log."""
-    return 120 + 54 * len(_items(data, "agents")) + 6 * _joints(data) + 20 * len(contacts(data))
+    return 120 + 54 * len(items(data, "agents")) + 6 * _joints(data) + 20 * len(contacts(data))
 
 
 def model_outputs(data: dict[str, Any]) -> int:
     """Count the outputs of all models: six for the payload and for each agent, one for each joint."""
-    return 6 * (1 + len(_items(data, "agents"))) + _joints(data)
+    return 6 * (1 + len(items(data, "agents"))) + _joints(data)
 
 
 def _joints(data: dict[str, Any]) -> int:
-    kinds = _named(data, "agent_types")
-    return sum(len(_items(kinds, str(_part(agent, "type")), "joints")) for agent in _items(data, "agents"))
+    kinds = named(data, "agent_types")
+    return sum(len(items(kinds, str(part(agent, "type")), "joints")) for agent in items(data, "agents"))
 
 
 def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that the times of poses ascend with the smallest interval."""
-    times = [_number(data, "reference", "poses", i, "time_s") for i in range(len(_items(data, "reference", "poses")))]
+    times = [number(data, "reference", "poses", i, "time_s") for i in range(len(items(data, "reference", "poses")))]
     for i, (previous, current) in enumerate(itertools.pairwise(times), start=1):
         if current < previous + MIN_WAYPOINT_INTERVAL:
             yield (
@@ -298,11 +293,11 @@ def _poses(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that delays are multiples of the control period, and that sensor rates do not exceed the control rate."""
-    rate = _number(data, "control_Hz")
-    readings = [("sensors", "models", i) for i in range(len(_items(data, "sensors", "models")))]
-    links = [("faults", i) for i in range(len(_items(data, "faults")))]
+    rate = number(data, "control_Hz")
+    readings = [("sensors", "models", i) for i in range(len(items(data, "sensors", "models")))]
+    links = [("faults", i) for i in range(len(items(data, "faults")))]
     for location in (("actuators",), ("nominal", "actuators"), *readings, *links):
-        delay, sample_rate = _number(data, *location, "delay_s"), _number(data, *location, "rate_Hz")
+        delay, sample_rate = number(data, *location, "delay_s"), number(data, *location, "rate_Hz")
         ticks = delay * rate
         if ticks > MAX_ENTRIES:
             yield (*location, "delay_s"), f"must be at most {MAX_ENTRIES} ticks of {1 / rate:g} s, got {delay:g}"
@@ -315,9 +310,9 @@ def _delays(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def _payload_sensors(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that nothing requires a gyroscope or accelerometer that the payload does not have."""
-    if _part(data, "sensors", "payload_imu") is not False:
+    if part(data, "sensors", "payload_imu") is not False:
         return
-    if _part(data, "contact_forces", "kind") == "least_squares":
+    if part(data, "contact_forces", "kind") == "least_squares":
         yield (
             ("contact_forces", "kind"),
             "least_squares requires gyroscope and accelerometer of the payload: with sensors.payload_imu: false "
@@ -325,12 +320,12 @@ def _payload_sensors(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         )
     readings: list[tuple[Location, str]] = [
         (("sensors", "models", i, "channels"), str(name))
-        for i, model in enumerate(_items(data, "sensors", "models"))
-        for name in _items(model, "channels")
+        for i, model in enumerate(items(data, "sensors", "models"))
+        for name in items(model, "channels")
     ]
     readings += [
-        (("faults", i, "reading"), f"{_part(fault, 'who')}.{_part(fault, 'reading')}")
-        for i, fault in enumerate(_items(data, "faults"))
+        (("faults", i, "reading"), f"{part(fault, 'who')}.{part(fault, 'reading')}")
+        for i, fault in enumerate(items(data, "faults"))
     ]
     for location, name in readings:
         if name in ("payload.omega", "payload.a"):
@@ -339,16 +334,16 @@ def _payload_sensors(data: dict[str, Any]) -> Iterator[ErrorMessage]:
 
 def _mass_steps(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that the mass stays positive after a mass step, and that the physics supports the step."""
-    added, mass = _number(data, "payload_mass_step", "mass_kg"), _number(data, "payload", "mass_kg")
+    added, mass = number(data, "payload_mass_step", "mass_kg"), number(data, "payload", "mass_kg")
     if mass + added <= 0:
         yield ("payload_mass_step", "mass_kg"), f"must leave some of payload.mass_kg = {mass:g}, got {added:g}"
-    if not math.isnan(added) and _part(data, "physics", "kind") == "mujoco":
+    if not math.isnan(added) and part(data, "physics", "kind") == "mujoco":
         yield ("payload_mass_step",), "physics mujoco does not support it; use kind: rigid"
 
 
 def _calibration(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check that a calibration flight records samples for its models and for their errors."""
-    duration, start = _number(data, "contact_forces", "calibration_s"), _number(data, "learning", "start_s")
+    duration, start = number(data, "contact_forces", "calibration_s"), number(data, "learning", "start_s")
     if 0 < duration < start + 2:
         yield (
             ("contact_forces", "calibration_s"),
@@ -361,16 +356,16 @@ PAYLOAD_READINGS, AGENT_READINGS = ("p", "R", "v", "omega", "a"), ("x", "R", "v"
 
 def _rotors(data: dict[str, Any]) -> int:
     """Return the number of rotors of every vehicle; 0 for actuators without rotors, or with a number out of range."""
-    count = _part(data, "actuators", "rotors", "num_rotors")
+    count = part(data, "actuators", "rotors", "num_rotors")
     return count if isinstance(count, int) and count <= MAX_ENTRIES else 0
 
 
 def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
     """Check the names and times of faults, and that the physics supports contacts that open."""
-    agents, duration, released = _names(_items(data, "agents")), _number(data, "duration_s"), set[str]()
-    for i, fault in enumerate(_items(data, "faults")):
+    agents, duration, released = names(items(data, "agents")), number(data, "duration_s"), set[str]()
+    for i, fault in enumerate(items(data, "faults")):
         location: Location = ("faults", i)
-        kind, who = _part(fault, "kind"), _part(fault, "who")
+        kind, who = part(fault, "kind"), part(fault, "who")
         known, expected = {
             "thrust": (agents, "an agent"),
             "link": (agents, "an agent"),
@@ -378,11 +373,11 @@ def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             "sensor": (["payload", *agents], "the payload or an agent"),
             "contact": (contacts(data), "a contact"),
         }.get(str(kind), ([], ""))
-        start, end = _number(fault, "start_s"), _number(fault, "end_s")
+        start, end = number(fault, "start_s"), number(fault, "end_s")
         if isinstance(who, str) and known and who not in known:
             yield (*location, "who"), unknown_name_message(who, known, expected)
         elif kind == "sensor":
-            readings, reading = PAYLOAD_READINGS if who == "payload" else AGENT_READINGS, _part(fault, "reading")
+            readings, reading = PAYLOAD_READINGS if who == "payload" else AGENT_READINGS, part(fault, "reading")
             if isinstance(reading, str) and reading not in readings:
                 yield (*location, "reading"), unknown_name_message(reading, readings, f"a reading of {who}")
         elif kind == "contact" and who in released:
@@ -391,7 +386,7 @@ def _faults(data: dict[str, Any]) -> Iterator[ErrorMessage]:
             yield (*location, "kind"), "requires actuators.rotors"
         if kind == "contact":
             released.add(str(who))
-            if _part(data, "physics", "kind") == "mujoco":
+            if part(data, "physics", "kind") == "mujoco":
                 yield (*location, "kind"), "physics mujoco does not support it; use kind: rigid"
         if start >= duration:
             yield (*location, "start_s"), f"must be less than duration_s = {duration:g}, got {start:g}"
@@ -405,8 +400,8 @@ def _limits(data: dict[str, Any]) -> Iterator[ErrorMessage]:
         ("position_error_m", "max_position_error_m", "m"),
         ("attitude_error_deg", "max_attitude_error_deg", "deg"),
     ):
-        size = math.hypot(*(_number(data, "initial_state", start, i) for i in range(3)))
-        if size > (most := _number(data, "termination", limit)):
+        size = math.hypot(*(number(data, "initial_state", start, i) for i in range(3)))
+        if size > (most := number(data, "termination", limit)):
             yield (
                 ("initial_state", start),
                 f"is {size:.4g} {unit} from the reference, beyond termination.{limit} = {most:g}",

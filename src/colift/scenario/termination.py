@@ -48,7 +48,7 @@ def make_termination_limits(settings: schema.Scenario, truth: Team, state: State
 def _contact_limits(settings: schema.Scenario) -> termination.ContactLimits | None:
     """Return the limits of the contact forces; None without limits."""
     given = settings.physics
-    if isinstance(given, schema.Plugin) or given.contact == type(given.contact)():
+    if isinstance(given, schema.Plugin) or given.contact == schema.PlantContactLimits():
         return None
     contact, names = given.contact, team.contact_names(settings)
     normals = np.array([(contact.normal or {}).get(name, (0.0, 0.0, 1.0)) for name in names])  # required where used

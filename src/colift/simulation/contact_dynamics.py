@@ -94,13 +94,12 @@ def _couple(
 ) -> AgentKKT:
     """Assemble the blocks of one agent with `P = R^T [I, -R_L hat(c)]` for forces and `[0, axis^T]` for moments."""
     n, B = agent.tree.arms, q.J_tip.reshape(3 * agent.tree.arms, -1)
-    turn = -matmul(matmul(R.T, R_L)[None], so3.hat(agent.contact_position))
-    P = jnp.concatenate([jnp.broadcast_to(R.T, (n, 3, 3)), turn], axis=2)
-    P = P.reshape(3 * n, 6)
+    to_base = matmul(R.T, R_L)
+    turn = -matmul(to_base[None], so3.hat(agent.contact_position))
+    P = jnp.concatenate([jnp.broadcast_to(R.T, (n, 3, 3)), turn], axis=2).reshape(3 * n, 6)
     compliance = None if agent.contact_compliance is None else jnp.repeat(agent.contact_compliance, 3)
     if agent.moment_axis is not None:
-        directions = grasp.moment_directions(agent, R, R_L)
-        B = jnp.concatenate([B, grasp.tip_rotation_jacobian(agent, q, directions)])
+        B = jnp.concatenate([B, grasp.tip_rotation_jacobian(agent, q, to_base)])
         P = jnp.concatenate([P, jnp.pad(agent.moment_axis, ((0, 0), (3, 0)))])
         if agent.contact_compliance is not None and compliance is not None:
             moments = agent.contact_compliance[np.array(agent.tree.moment_arms)]

@@ -42,10 +42,17 @@ from colift.scenario.schema.disturbances import (
 )
 from colift.scenario.schema.faults import ContactFault, Fault, LinkFault, RotorFault, SensorFault, ThrustFault
 from colift.scenario.schema.learning import AgentGPPrior, BaselineTuning, GPPrior, Learning
-from colift.scenario.schema.physics import IdealActuators, LaggedMotors, MujocoPhysics, RigidContactPhysics, Rotors
+from colift.scenario.schema.physics import (
+    IdealActuators,
+    LaggedMotors,
+    MujocoPhysics,
+    PlantContactLimits,
+    RigidContactPhysics,
+    Rotors,
+)
 from colift.scenario.schema.scenario import Scenario
 from colift.scenario.schema.sensors import BiasRandomWalk, Intermittent, Reading, Readings, Sensors
-from colift.scenario.schema.shared import AgentForceMagnitudes, ContactLimits, ForceMagnitudes
+from colift.scenario.schema.shared import AgentForceMagnitudes, ForceMagnitudes
 from colift.scenario.schema.team import (
     ActuatorLag,
     Agent,
@@ -80,7 +87,6 @@ __all__ = [
     "ConstantWrench",
     "ConstrainedAllocation",
     "ContactFault",
-    "ContactLimits",
     "Control",
     "ControllerPlugins",
     "Disturbance",
@@ -111,6 +117,7 @@ __all__ = [
     "PathDeparture",
     "Payload",
     "PayloadMassStep",
+    "PlantContactLimits",
     "Plugin",
     "PluginDisturbance",
     "PluginReference",
