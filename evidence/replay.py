@@ -181,13 +181,13 @@ def recorded_observations(plan: Experiment, flight: FlightResult) -> residual_co
         since *= 1 - valid[k]
     steps = np.isin(np.arange(ticks), ticks_of_updates).cumsum()
     label = logged_forces(team, rows.label_L, rows.label_x)
-    by_body = lambda L, x: jax.vmap(residual_correction.by_body)(label, jnp.asarray(L), jnp.asarray(x))  # noqa: E731
+    by_output = lambda L, x: jax.vmap(residual_correction.by_output)(label, jnp.asarray(L), jnp.asarray(x))  # noqa: E731
     return residual_correction.ResidualObservation(
         label=label,
         prediction=logged_forces(team, rows.model_prediction_L, rows.model_prediction_x),
         update_index=jnp.asarray(steps),
-        label_valid=by_body(np.ones(ticks), valid),
-        interval=by_body(np.full(ticks, dt), interval),
+        label_valid=by_output(np.ones(ticks), valid),
+        interval=by_output(np.full(ticks, dt), interval),
     )
 
 

@@ -138,7 +138,8 @@ class ControllerState:
         actuator: State of the actuator compensator.
         corrector: State of the residual corrector; None without a corrector.
         last_wrench: Desired payload wrench of the previous control period [N world, N m payload frame].
-        last_f_hat: Residual forces compensated in the previous control period.
+        last_f_hat: Residual forces of the previous control period: those compensated, or with a corrector their
+            estimate, which is not extrapolated.
         last_shortfall: Achieved minus commanded payload acceleration of the previous control period [m/s^2 world,
             rad/s^2 payload frame]; None if the allocator has no limits.
         initialized: 0 before the first control period, 1 afterwards.
@@ -358,7 +359,7 @@ class LeaderFollowerController:
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
-            last_f_hat=telemetry.f_hat,
+            last_f_hat=telemetry.f_hat if context.correction is None else context.correction.residual(),
             last_shortfall=telemetry.shortfall,
             initialized=jnp.ones(()),
             effectiveness=effectiveness,

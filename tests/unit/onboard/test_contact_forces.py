@@ -91,13 +91,40 @@ def test_undetermined_differences_of_arms_are_zero():
     np.testing.assert_allclose(found[:, 1:], lam[:, 1:], atol=0.02)
 
 
+@pytest.mark.parametrize("kind", STRUCTURES)
+def test_moment_labels_without_tip_readings(kind):
+    """The label is the true residual; moments of differences between the arms have the compensated residual instead.
+
+    The projection on these moments is computed by a singular value decomposition.
+    """
+    _, agents = agents_at_random(STRUCTURES[kind], seed=5)
+    rng, informative = np.random.default_rng(6), 0
+    for J_tip, R, A_lam, _ in agents:
+        J = np.asarray(contact_forces.contact_jacobian(J_tip))
+        f, e = rng.normal(size=len(J)), rng.normal(size=len(J))
+        y = f - np.asarray(A_lam)[3:]  # moments of `f = y + A lam`
+        f_hat = np.concatenate([np.asarray(A_lam)[:3], f + e - y])  # exact force, moments with the error e
+        label = y + J @ np.asarray(
+            contact_forces.reconstruct_contact_forces(J_tip, R, jnp.asarray(f_hat), contact_forces.LABEL_MIN_LEVER)
+        ).reshape(-1)
+        each = J.reshape(len(J), -1, 3)
+        U, s, _ = np.linalg.svd((each - each.mean(1, keepdims=True)).reshape(len(J), -1))
+        P = (U[:, : len(s)] * (s > 1e-6)) @ U[:, : len(s)].T
+        np.testing.assert_allclose(label - f, P @ e, atol=1e-3)
+        informative += np.trace(np.eye(len(J)) - P)
+    assert informative >= 3
+
+
 # Estimates without tip readings ---------------------------------------------------------------------------------------
 
 
 def estimates(
-    age: float, seed: int | None = None
+    age: float, seed: int | None = None, e: ResidualForces | None = None
 ) -> tuple[Team, state_estimator.StateEstimate, state_estimator.EstimatorState, ResidualForces]:
-    """Return estimates of noisy readings with tip readings of an age, for a random compensated residual of a seed."""
+    """Return estimates of noisy readings with tip readings of an age.
+
+    The compensated residual has the error e, which is random for a seed, and otherwise zero.
+    """
     team, _, _, stream = estimation.steady_stream()
     rng = np.random.default_rng(4)
     noisy = jax.tree.map(lambda x: x + 0.01 * jnp.array(rng.normal(size=x.shape)), stream)
@@ -112,7 +139,8 @@ def estimates(
         )
 
     noisy = jax.vmap(prepared)(noisy, stream)
-    e = zero_residual(team) if seed is None else random_forces(team, np.random.default_rng(seed))
+    if e is None:
+        e = zero_residual(team) if seed is None else random_forces(team, np.random.default_rng(seed))
     f_hat = jax.tree.map(jnp.add, random_forces(team, np.random.default_rng(0)), e)
     estimate, state = estimation.run_estimator(team, estimation.FILTERS, noisy, estimation.constant_inputs(), f_hat)
     return team, estimate, state, e
@@ -143,6 +171,24 @@ def test_training_samples_are_held_without_tip_readings():
     assert np.abs(np.diff(y, axis=0)).max(axis=1).min() > 0
     for signal in (held, x):
         np.testing.assert_allclose(signal, np.broadcast_to(signal[0], signal.shape), atol=1e-12)
+
+
+def test_undetermined_moments_have_the_compensated_label():
+    """Errors of the compensated moments change the labels by their projection, which is idempotent."""
+    team, exact, _, _ = estimates(age=1.0)
+    label = np.asarray(exact.sample.unfiltered[1][0])[-1]
+
+    def change(moments: np.ndarray) -> np.ndarray:
+        zero = zero_residual(team)
+        f = dataclasses.replace(zero.agents[0], f_w=jnp.asarray(moments[:, :3]), f_r=jnp.asarray(moments[:, 3:]))
+        _, wrong, _, _ = estimates(age=1.0, e=dataclasses.replace(zero, agents=(f,)))
+        return np.asarray(wrong.sample.unfiltered[1][0])[-1] - label
+
+    moments = np.random.default_rng(7).normal(size=label[:, 3:].shape)
+    once = change(moments)
+    np.testing.assert_allclose(once[:, :3], 0.0, atol=1e-12)
+    assert 0.1 < np.linalg.norm(once) < 0.9 * np.linalg.norm(moments)
+    np.testing.assert_allclose(change(once[:, 3:]), once, atol=1e-5)
 
 
 # Flights --------------------------------------------------------------------------------------------------------------

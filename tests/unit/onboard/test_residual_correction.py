@@ -68,8 +68,8 @@ def filter_labels(
             label=label,
             prediction=label,
             update_index=jnp.zeros((), int),
-            label_valid=residual_correction.by_body(label, valid, valid),
-            interval=residual_correction.by_body(label, interval, interval),
+            label_valid=residual_correction.by_output(label, valid, valid),
+            interval=residual_correction.by_output(label, interval, interval),
         )
         state, nis = corrector.filter(state, jnp.zeros(OUTPUTS), observation, jnp.array(DT))
         return state, (state, nis)
@@ -278,7 +278,7 @@ def corrections(
         k, *inputs = context
         clock = ControlClock(t=k.astype(float) * DT, dt=jnp.array(DT))
         observation = residual_correction.observe(model(k), team, estimate_with_label(*inputs), clock.dt)
-        valid, interval = (residual_correction.by_body(observation.label, x, x) for x in inputs[2:])
+        valid, interval = (residual_correction.by_output(observation.label, x, x) for x in inputs[2:])
         observation = dataclasses.replace(observation, label_valid=valid, interval=interval)
         correction, state = corrector.update(state, observation, clock)
         return state, correction
@@ -369,7 +369,7 @@ def test_correction_before_the_first_label_is_zero():
 
 @pytest.mark.parametrize("kind", CORRECTORS)
 def test_outputs_without_labels_do_not_change_the_others(kind):
-    """The payload's correction is the same with and without labels of the agents, whose correction is not."""
+    """All other corrections are the same with and without labels of the agents' forces."""
     rng, n = np.random.default_rng(11), 200
     team, corrector = light_experiment().controller.team, CORRECTORS[kind]()
     size = residual_correction.flatten(zero_residual(team)).size
@@ -383,8 +383,8 @@ def test_outputs_without_labels_do_not_change_the_others(kind):
                 label=label,
                 prediction=zero_residual(team),
                 update_index=jnp.zeros((), int),
-                label_valid=residual_correction.by_body(label, jnp.ones(()), valid),
-                interval=residual_correction.by_body(label, dt, interval),
+                label_valid=residual_correction.by_output(label, jnp.ones(()), valid),
+                interval=residual_correction.by_output(label, dt, interval),
             )
             correction, state = corrector.update(state, observation, ControlClock(t=jnp.zeros(()), dt=dt))
             return state, correction
@@ -395,20 +395,27 @@ def test_outputs_without_labels_do_not_change_the_others(kind):
     always, lost = run(np.ones(n, bool)), run(np.arange(n) < n // 2)
     jax.tree.map(np.testing.assert_array_equal, always.error.payload, lost.error.payload)
     jax.tree.map(np.testing.assert_array_equal, always.std.payload, lost.std.payload)
+    for a, b in zip(always.error.agents, lost.error.agents, strict=True):
+        np.testing.assert_array_equal(a.f_w, b.f_w)
+        np.testing.assert_array_equal(a.f_r, b.f_r)
     assert np.abs(always.error.agents[0].f_x - lost.error.agents[0].f_x)[n // 2 :].min(axis=0).max() > 1e-3
     np.testing.assert_array_equal(lost.label_valid, np.arange(n) < n // 2)
 
 
-def test_payload_has_a_label_without_tip_readings():
-    """An observation has labels of the payload in every period, and labels of the agents with tip readings."""
+def test_only_forces_of_agents_need_tip_readings_for_labels():
     of, dt = light_experiment().controller, jnp.array(DT)
     estimate = estimate_with_label(jnp.zeros(3), jnp.arange(6.0), jnp.zeros(()), jnp.array(0.3))
     found = residual_correction.observe(of.residual_model, of.team, estimate, dt)
     np.testing.assert_array_equal(six(found.label.payload), np.arange(6.0))
     np.testing.assert_array_equal(six(found.label_valid.payload), 1.0)
     np.testing.assert_array_equal(six(found.interval.payload), DT)
-    assert not any(np.any(x) for x in jax.tree.leaves(found.label_valid.agents))
-    assert all(np.all(x == 0.3) for x in jax.tree.leaves(found.interval.agents))
+    for valid, interval in zip(found.label_valid.agents, found.interval.agents, strict=True):
+        assert not np.any(valid.f_x)
+        assert np.all(interval.f_x == 0.3)
+        for each in (valid.f_w, valid.f_r):
+            np.testing.assert_array_equal(each, 1.0)
+        for each in (interval.f_w, interval.f_r):
+            np.testing.assert_array_equal(each, DT)
 
 
 def test_estimator_without_labels_is_refused():

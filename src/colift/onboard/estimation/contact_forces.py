@@ -41,6 +41,11 @@ MIN_LEVER = 0.01
 
 Moments of contact forces with a smaller lever determine no difference between the forces of an agent's arms.
 """
+LABEL_MIN_LEVER = 1e-4
+"""The same for labels of moments without tip readings: combinations of moments with a smaller lever are labels [m].
+
+Contact forces with a larger lever change the other combinations, which have no label.
+"""
 
 
 @pytree
@@ -101,13 +106,19 @@ class ContactForces:
 
     Attributes:
         base_frame: Contact forces [N, base frame of their agent], by group.
-        valid: 1 if labels of the agents exist and may be used for training.
+        valid: 1 if labels of all outputs of the agents exist and may be used for training.
         covariance: Covariance of the contact forces [N^2, world], contacts in team order; None for readings.
+        moment_labels: Contact forces for labels of the agents' moments [N, base frame], by group; None: `base_frame`.
     """
 
     base_frame: tuple[Float[Array, "_agents _arms 3"], ...]
     valid: Scalar
     covariance: Float[Array, "components components"] | None = None
+    moment_labels: tuple[Float[Array, "_agents _arms 3"], ...] | None = None
+
+    def for_moment_labels(self) -> tuple[Float[Array, "_agents _arms 3"], ...]:
+        """Return the contact forces for labels of the agents' moments [N, base frame], by group."""
+        return self.base_frame if self.moment_labels is None else self.moment_labels
 
 
 @runtime_checkable
@@ -129,7 +140,10 @@ class TipSensors:
     """Contact forces from tip force sensors.
 
     If the readings are too old, contact forces follow from the agents' equations of motion with their compensated
-    residuals (`reconstruct_contact_forces`).
+    residuals (`reconstruct_contact_forces`). Labels of forces do not exist then. Labels of moments do, because the
+    moments of an agent have more equations than its contact forces have differences. With ``P`` the projection on
+    moments of these differences ``d``, ``(I - P) (y + J lam)`` depends on the mean contact force alone. The other part
+    ``P f_hat`` of the label is the compensated residual, so that it causes no innovation.
 
     Attributes:
         max_reading_age: Largest age of a tip reading that is used [s].
@@ -140,11 +154,13 @@ class TipSensors:
     def estimate(self, team: Team, balance: TeamBalance) -> ContactForces:
         """Return the readings, or the reconstructed forces; see `ContactForceEstimator`."""
         valid = (balance.reading_age <= self.max_reading_age + 1e-9).astype(float)
-        lam = []
+        reconstruct = jax.vmap(reconstruct_contact_forces, in_axes=(0, 0, 0, None))
+        lam, moment_labels = [], []
         for each, f in zip(balance.agents, balance.f_hat.agents, strict=True):
-            reconstructed = jax.vmap(reconstruct_contact_forces)(each.J_tip, each.R, flatten_agent_force(f) - each.y)
-            lam.append(jnp.where(valid > 0, each.measured, reconstructed))
-        return ContactForces(base_frame=tuple(lam), valid=valid)
+            A_lam = flatten_agent_force(f) - each.y
+            for forces, min_lever in ((lam, MIN_LEVER), (moment_labels, LABEL_MIN_LEVER)):
+                forces.append(jnp.where(valid > 0, each.measured, reconstruct(each.J_tip, each.R, A_lam, min_lever)))
+        return ContactForces(base_frame=tuple(lam), valid=valid, moment_labels=tuple(moment_labels))
 
 
 @pytree

@@ -301,10 +301,10 @@ def _update(
     interval = state.time_since_label + dt
     # In periods without labels the filters of labels and inputs hold their values.
     b = forces.valid * irregular_smoothing_factor(smoothing_factor(filters.label, dt), interval / dt)
-    filter_labels = jax.vmap(_filter_agent_label, in_axes=(0, 0, 0, None, None))
+    filter_labels = jax.vmap(_filter_agent_label, in_axes=(0, 0, 0, 0, None, None))
     filtered_agents = (
-        filter_labels(agent_state, of_agents, base_frame, b, state.initialized)
-        for (_, of_agents, agent_state), base_frame in zip(found, forces.base_frame, strict=True)
+        filter_labels(agent_state, of_agents, *each, b, state.initialized)
+        for (_, of_agents, agent_state), *each in zip(found, forces.base_frame, forces.for_moment_labels(), strict=True)
     )
     labels, agents, lam = zip(*filtered_agents, strict=True)
     payload_label = _without_moments(balances, balance.y - contact_wrench(team, payload.R, lam))
@@ -539,16 +539,25 @@ def _filter_agent_label(
     state: AgentFilterState,
     balance: AgentBalance,
     lam_base: Float[Array, "arms 3"],
+    lam_moments: Float[Array, "arms 3"],
     b: Scalar,
     initialized: Scalar,
 ) -> tuple[Float[Array, "outputs"], AgentFilterState, Float[Array, "arms 3"]]:
     """Compute the label of one agent (Eq. learning_output_components), and advance its filter.
 
+    Args:
+        state: Filter state of the previous control period.
+        balance: Equations of motion of the agent.
+        lam_base: Contact forces [N, base frame].
+        lam_moments: Contact forces for the labels of moments [N, base frame].
+        b: Smoothing factor of the label filter.
+        initialized: 0 in the first control period, 1 afterwards.
+
     Returns:
         Label before the filter, filter state, and contact forces [N, world].
     """
     lam = lam_base @ balance.R.T
-    moments = (balance.J_tip * lam_base[:, :, None]).sum((0, 1))
+    moments = (balance.J_tip * lam_moments[:, :, None]).sum((0, 1))
     label = balance.y + jnp.concatenate([lam.sum(0), moments])
     filtered = dataclasses.replace(
         state,

@@ -11,6 +11,7 @@ See Also:
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from typing import Any, Protocol, runtime_checkable
 
@@ -36,8 +37,8 @@ class ResidualObservation:
         label: Label before the label filter [N, N m].
         prediction: Prediction of the residual model at the estimated state and acceleration [N, N m].
         update_index: Index of the model update whose model predicts.
-        label_valid: 1 for outputs that have a label in this control period, 0 otherwise. Agents have labels in periods
-            with tip readings, the payload in every period.
+        label_valid: 1 for outputs that have a label in this control period, 0 otherwise. Forces of agents have labels
+            in periods with tip readings, all other outputs in every period.
         interval: Time since the previous label of the output [s].
     """
 
@@ -78,23 +79,22 @@ def observe(
             model, estimate.payload, estimate.agents, estimate.a_L[:3] - team.gravity, estimate.a_L[3:]
         ),
         update_index=model.update_index,
-        label_valid=by_body(label, jnp.ones(()), sample.valid),
-        interval=by_body(label, dt, sample.sample_interval),
+        label_valid=by_output(label, jnp.ones(()), sample.valid),
+        interval=by_output(label, dt, sample.sample_interval),
     )
 
 
-def by_body(like: ResidualForces, payload: Scalar, agents: Scalar) -> ResidualForces:
-    """Return one value for all outputs of the payload and another one for those of the agents.
+def by_output(like: ResidualForces, value: Scalar, agent_forces: Scalar) -> ResidualForces:
+    """Return one value for the forces of the agents and another one for all other outputs.
 
     Args:
         like: Residual forces of the same structure.
-        payload: Value of the payload.
-        agents: Value of the agents.
+        value: Value of all outputs but the forces of the agents.
+        agent_forces: Value of the forces of the agents.
     """
-    return ResidualForces(
-        payload=jax.tree.map(lambda x: jnp.full_like(x, payload), like.payload),
-        agents=jax.tree.map(lambda x: jnp.full_like(x, agents), like.agents),
-    )
+    filled = jax.tree.map(lambda x: jnp.full_like(x, value), like)
+    agents = tuple(dataclasses.replace(f, f_x=jnp.full_like(f.f_x, agent_forces)) for f in filled.agents)
+    return dataclasses.replace(filled, agents=agents)
 
 
 @pytree
@@ -122,6 +122,10 @@ class ResidualCorrection:
     prediction: ResidualForces
     label_valid: Scalar
     nis: Scalar
+
+    def residual(self) -> ResidualForces:
+        """Return the estimate ``f_hat + d`` of the residual [N, N m]."""
+        return jax.tree.map(jnp.add, self.prediction, self.error)
 
 
 def zero_correction(like: ResidualForces, t: Scalar) -> ResidualCorrection:
