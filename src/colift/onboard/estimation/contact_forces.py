@@ -295,6 +295,6 @@ def reconstruct_contact_forces(
         return lam
     J = contact_jacobian(J_tip)
     B = J - jnp.tile(J.reshape(-1, arms, 3).mean(1), arms)  # of the differences between the arms
-    difference = regularized_pseudoinverse(B, min_lever) @ (A_lam[3:] - J @ lam.reshape(-1))
-    difference = difference.reshape(arms, 3)
+    moments = A_lam[3:] - J @ lam.reshape(-1)
+    difference = linalg.solve(B.T @ B + min_lever**2 * jnp.eye(3 * arms), (B.T @ moments)[:, None]).reshape(arms, 3)
     return lam + difference - difference.mean(0, keepdims=True)  # the mean is zero up to rounding
