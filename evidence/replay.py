@@ -14,6 +14,7 @@ t + h, the step of its prediction is removed, because the correction of that per
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -181,13 +182,13 @@ def recorded_observations(plan: Experiment, flight: FlightResult) -> residual_co
         since *= 1 - valid[k]
     steps = np.isin(np.arange(ticks), ticks_of_updates).cumsum()
     label = logged_forces(team, rows.label_L, rows.label_x)
-    by_output = lambda L, x: jax.vmap(residual_correction.by_output)(label, jnp.asarray(L), jnp.asarray(x))  # noqa: E731
+    by_output = jax.vmap(functools.partial(residual_correction.by_output, team))
     return residual_correction.ResidualObservation(
         label=label,
         prediction=logged_forces(team, rows.model_prediction_L, rows.model_prediction_x),
         update_index=jnp.asarray(steps),
-        label_valid=by_output(np.ones(ticks), valid),
-        interval=by_output(np.full(ticks, dt), interval),
+        label_valid=by_output(jnp.ones(ticks), jnp.asarray(valid)),
+        interval=by_output(jnp.full(ticks, dt), jnp.asarray(interval)),
     )
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from colift import scenario
 from colift.models.state import zero_residual
-from colift.onboard.learning.residual_correction import ResidualObservation, by_output
+from colift.onboard.learning.residual_correction import ResidualObservation
 from colift.scenario import experiment
 from evidence import replay, update_ablation
 
@@ -23,7 +23,7 @@ def observations(plan):
     """Labels that change with time, a prediction of one newton, and a new model in the middle."""
     team = plan.controller.team
     zero = zero_residual(team)
-    one = by_output(zero, jnp.array(1.0), jnp.array(1.0))
+    one = jax.tree.map(jnp.ones_like, zero)
     each = [
         ResidualObservation(
             label=jax.tree.map(lambda x, k=k: x + 2 + 0.1 * np.sin(k), zero),

@@ -55,6 +55,11 @@ def kalman_filter(sigma: float = 1.5, **fields: float) -> ResidualKalmanFilter:
     return ResidualKalmanFilter(std=std, **made)
 
 
+def constant(like: ResidualForces, value: jax.Array) -> ResidualForces:
+    """Return one value for all outputs."""
+    return jax.tree.map(lambda x: jnp.full_like(x, value), like)
+
+
 @jax.jit
 def filter_labels(
     corrector: ResidualKalmanFilter, start: KalmanState, y: jax.Array, on: jax.Array, intervals: jax.Array
@@ -68,8 +73,8 @@ def filter_labels(
             label=label,
             prediction=label,
             update_index=jnp.zeros((), int),
-            label_valid=residual_correction.by_output(label, valid, valid),
-            interval=residual_correction.by_output(label, interval, interval),
+            label_valid=constant(label, valid),
+            interval=constant(label, interval),
         )
         state, nis = corrector.filter(state, jnp.zeros(OUTPUTS), observation, jnp.array(DT))
         return state, (state, nis)
@@ -278,7 +283,7 @@ def corrections(
         k, *inputs = context
         clock = ControlClock(t=k.astype(float) * DT, dt=jnp.array(DT))
         observation = residual_correction.observe(model(k), team, estimate_with_label(*inputs), clock.dt)
-        valid, interval = (residual_correction.by_output(observation.label, x, x) for x in inputs[2:])
+        valid, interval = (constant(observation.label, x) for x in inputs[2:])
         observation = dataclasses.replace(observation, label_valid=valid, interval=interval)
         correction, state = corrector.update(state, observation, clock)
         return state, correction
@@ -383,8 +388,8 @@ def test_outputs_without_labels_do_not_change_the_others(kind):
                 label=label,
                 prediction=zero_residual(team),
                 update_index=jnp.zeros((), int),
-                label_valid=residual_correction.by_output(label, jnp.ones(()), valid),
-                interval=residual_correction.by_output(label, dt, interval),
+                label_valid=residual_correction.by_output(team, jnp.ones(()), valid),
+                interval=residual_correction.by_output(team, dt, interval),
             )
             correction, state = corrector.update(state, observation, ControlClock(t=jnp.zeros(()), dt=dt))
             return state, correction
@@ -416,6 +421,14 @@ def test_only_forces_of_agents_need_tip_readings_for_labels():
             np.testing.assert_array_equal(each, 1.0)
         for each in (interval.f_w, interval.f_r):
             np.testing.assert_array_equal(each, DT)
+
+
+def test_labels_need_tip_readings_where_contacts_bear_moments():
+    """A contact moment cannot be separated from a moment of the residual."""
+    team = experiment.make_experiment(scenario.load_scenario("rigid_beam"), "C1").controller.team
+    found = residual_correction.by_output(team, jnp.ones(()), jnp.zeros(()))
+    assert not any(np.any(x) for x in jax.tree.leaves(found.agents))
+    assert all(np.all(x == 1) for x in jax.tree.leaves(found.payload))
 
 
 def test_estimator_without_labels_is_refused():

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from colift.math.pytree import pytree
 from colift.models.parameters import Team
-from colift.models.state import ControlClock, ResidualForces, Wrench, split_agent_force
+from colift.models.state import ControlClock, ResidualForces, Wrench, split_agent_force, zero_residual
 from colift.onboard.estimation.state_estimator import StateEstimate
 from colift.onboard.learning import residual_model
 
@@ -37,8 +37,7 @@ class ResidualObservation:
         label: Label before the label filter [N, N m].
         prediction: Prediction of the residual model at the estimated state and acceleration [N, N m].
         update_index: Index of the model update whose model predicts.
-        label_valid: 1 for outputs that have a label in this control period, 0 otherwise. Forces of agents have labels
-            in periods with tip readings, all other outputs in every period.
+        label_valid: 1 for outputs that have a label in this control period, 0 otherwise (`by_output`).
         interval: Time since the previous label of the output [s].
     """
 
@@ -79,22 +78,27 @@ def observe(
             model, estimate.payload, estimate.agents, estimate.a_L[:3] - team.gravity, estimate.a_L[3:]
         ),
         update_index=model.update_index,
-        label_valid=by_output(label, jnp.ones(()), sample.valid),
-        interval=by_output(label, dt, sample.sample_interval),
+        label_valid=by_output(team, jnp.ones(()), sample.valid),
+        interval=by_output(team, dt, sample.sample_interval),
     )
 
 
-def by_output(like: ResidualForces, value: Scalar, agent_forces: Scalar) -> ResidualForces:
-    """Return one value for the forces of the agents and another one for all other outputs.
+def by_output(team: Team, value: Scalar, with_tips: Scalar) -> ResidualForces:
+    """Return one value for outputs whose labels require tip readings, and another one for all other outputs.
+
+    Labels of the agents' forces require tip readings. If contacts bear moments, all labels of their agents do.
 
     Args:
-        like: Residual forces of the same structure.
-        value: Value of all outputs but the forces of the agents.
-        agent_forces: Value of the forces of the agents.
+        team: Nominal parameters.
+        value: Value of outputs whose labels do not require tip readings.
+        with_tips: Value of outputs whose labels require tip readings.
     """
-    filled = jax.tree.map(lambda x: jnp.full_like(x, value), like)
-    agents = tuple(dataclasses.replace(f, f_x=jnp.full_like(f.f_x, agent_forces)) for f in filled.agents)
-    return dataclasses.replace(filled, agents=agents)
+    filled = jax.tree.map(lambda x: jnp.full_like(x, value), zero_residual(team))
+    agents = []
+    for group, f in zip(team.agent_groups, filled.agents, strict=True):
+        required = jax.tree.map(lambda x: jnp.full_like(x, with_tips), f)
+        agents.append(dataclasses.replace(f, f_x=required.f_x) if group.moment_axis is None else required)
+    return dataclasses.replace(filled, agents=tuple(agents))
 
 
 @pytree
