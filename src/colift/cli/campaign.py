@@ -87,6 +87,7 @@ def status(path: SpecArgument, out: OutOption = None, as_json: common.JsonOption
         "stored": found.stored,
         "missing": found.missing,
         "ended_early": int((ended != "").sum()),
+        "refused": int((ended == "refused").sum()),
         "lost": int((ended == "lost").sum()),
         "cpu_s": float(rows["cpu_s"].sum()) if "cpu_s" in rows else 0.0,
     }
@@ -95,7 +96,8 @@ def status(path: SpecArgument, out: OutOption = None, as_json: common.JsonOption
             print(json.dumps(counts | {"stopped_at_sample": found.stopped_at}, indent=2))
         else:
             print(_describe(found))
-            print(f"{counts['ended_early']} ended early, {counts['lost']} of them their worker")
+            ended_early, refused, lost = (counts[name] for name in ("ended_early", "refused", "lost"))
+            print(f"{ended_early} ended early: {refused} with refused settings, {lost} with the end of their worker")
             print(f"{counts['cpu_s']:.1f} s of processor time")
     if found.missing:
         common.exit_with(common.EXIT_INCOMPLETE)
@@ -241,7 +243,8 @@ def _reporter(progress: Report) -> Callable[[Progress], None]:
 def _describe(found: Progress) -> str:
     """Describe the state of a campaign in one line."""
     text = f"{found.stored + found.simulated} of {found.planned} flights stored"
-    text += f" ({found.simulated} new)" if found.simulated else ""
+    if found.simulated:
+        text += f" ({found.simulated} new, {found.ended_early} ended early)"
     return text if found.stopped_at is None else f"{text}; the rule `until` is satisfied at {found.stopped_at} samples"
 
 
