@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, JsonValue, TypeAdapter, ValidationE
 
 from colift.analysis.study_metrics import STUDY_METRICS
 from colift.runtime import bounded_read
-from colift.scenario import Scenario, ScenarioError, Section, fields, loading, validation, yaml_tree
+from colift.scenario import SUFFIXES, Scenario, ScenarioError, Section, fields, loading, validation, yaml_tree
 from colift.scenario.cases import ALL_CASES, PAPER_CASES, case_id
 from colift.scenario.errors import format_value, suggestion
 from colift.scenario.schema_docs import Schema
@@ -173,7 +173,7 @@ def load_campaign(path: str | Path) -> LoadedCampaign:
     if errors:
         raise ScenarioError("\n".join(errors))
     file = spec.scenario
-    if Path(file).suffix in loading.SUFFIXES:
+    if Path(file).suffix in SUFFIXES:
         file = str(path.parent / Path(file).expanduser())
     try:
         scenario = loading.load_scenario(file)
