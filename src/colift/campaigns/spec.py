@@ -168,6 +168,11 @@ def load_campaign(path: str | Path) -> LoadedCampaign:
         raise
     except ValueError as error:
         raise ScenarioError(str(error)) from None
+    if "schema" in tree.data and "scenario" not in tree.data:
+        raise ScenarioError(
+            f"{tree.at(('schema',))} this file is a scenario: a specification is another file, with the line "
+            f"`scenario: {path.name}`"
+        )
     spec = _validated(tree)
     errors = list(_errors(spec, tree))
     if errors:

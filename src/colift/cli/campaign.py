@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from colift.cli import campaign_tables, common, tables
+from colift.runtime import signals
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,7 +65,11 @@ def run(
             common.show_progress(f"campaign {campaign.name}", quiet) as progress,
         ):
             workers = _engine(opened, jobs, engine, slurm)
-            found = driver.run_campaign(campaign, opened, workers, _reporter(progress))
+            try:
+                found = driver.run_campaign(campaign, opened, workers, _reporter(progress))
+            except signals.Interrupted:
+                common.report_interruption(f"the same command continues; the rows are in {folder / 'parts'}")
+                raise
     with common.guard_output(f"; the rows are in {folder}"):
         if not quiet:
             print(_describe(found))
@@ -98,7 +103,7 @@ def status(path: SpecArgument, out: OutOption = None, as_json: common.JsonOption
             print(_describe(found))
             ended_early, refused, lost = (counts[name] for name in ("ended_early", "refused", "lost"))
             print(f"{ended_early} ended early: {refused} with refused settings, {lost} with the end of their worker")
-            print(f"{counts['cpu_s']:.1f} s of processor time")
+            print(f"{counts['cpu_s']:.1f} s of processor time; rows in {_store(path, out).parts}")
     if found.missing:
         common.exit_with(common.EXIT_INCOMPLETE)
 

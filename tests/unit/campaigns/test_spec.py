@@ -8,6 +8,7 @@ import pytest
 
 from colift.campaigns import spec
 from colift.scenario import ScenarioError
+from tests.support import small_team
 
 MISTAKES = {
     "scenario: papr": (1, "scenario", "'papr'", "did you mean 'paper'?"),
@@ -78,6 +79,12 @@ def test_parts_of_a_varied_setting_are_not_varied(tmp_path: Path):
     whole, part = "initial_state.position_error_m", "initial_state.position_error_m.0"
     path.write_text(f"scenario: paper\nvary:\n  {whole}: [[0, 0, 0]]\n  {part}: [1]\n")
     with pytest.raises(ScenarioError, match=f"^{path}:4: vary {part}: is also varied by {whole}$"):
+        spec.load_campaign(path)
+
+
+def test_scenario_is_no_specification(tmp_path: Path):
+    path = small_team.write(tmp_path / "light.yaml")
+    with pytest.raises(ScenarioError, match=f"^{path}:1: this file is a scenario.*`scenario: light.yaml`$"):
         spec.load_campaign(path)
 
 
