@@ -525,12 +525,17 @@ def test_quiet_run_prints_its_summary_as_json(tmp_path: Path, monkeypatch):
     assert (status, message) == (2, f"--case C9: must be one of {', '.join(ALL_CASES)}\n")
 
 
-def test_help_does_not_import_heavy_packages():
+@pytest.mark.parametrize(
+    ("words", "shown", "scenario_module"),
+    [(["study", "--help"], "--baselines", "colift.scenario"), (["list"], "certified", "colift.scenario.schema")],
+    ids=["help", "list"],
+)
+def test_help_and_list_do_not_import_heavy_packages(words: list[str], shown: str, scenario_module: str):
     code = (
         "import sys; from typer.testing import CliRunner; from colift.cli.app import app\n"
-        "done = CliRunner().invoke(app, ['study', '--help'])\n"
-        "assert done.exit_code == 0 and '--baselines' in done.output, done.output\n"
-        "heavy = ('matplotlib', 'scipy', 'xarray', 'colift.scenario', 'colift.simulation')\n"
+        f"done = CliRunner().invoke(app, {words})\n"
+        f"assert done.exit_code == 0 and {shown!r} in done.output, done.output\n"
+        f"heavy = ('matplotlib', 'numpy', 'scipy', 'xarray', {scenario_module!r}, 'colift.simulation')\n"
         "print(*(m for m in heavy if m in sys.modules))"
     )
     environment = os.environ | {"COLUMNS": "100"}

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from colift import scenario
-from colift.scenario.loading import SHIPPED_DIRECTORY
+from colift.scenario.shipped import SHIPPED_DIRECTORY
 
 SAMPLE = Path(__file__).parent / "sample_scenario.yaml"
 TEXTS = [(SHIPPED_DIRECTORY / f"{name}.yaml").read_text(encoding="utf-8") for name in scenario.shipped_names()]

@@ -15,7 +15,7 @@ from colift.campaigns import statistics
 from colift.campaigns.engines import Engine, Outcome
 from colift.campaigns.flights import Batch, Cell, lost_row
 from colift.campaigns.sampling import PlannedFlight, plan_flights
-from colift.campaigns.spec import LoadedCampaign, StoppingRule
+from colift.campaigns.spec import STOPPING_SAMPLES, LoadedCampaign, StoppingRule
 from colift.campaigns.store import COMPLETION_COLUMNS, Store
 from colift.runtime import signals
 
@@ -23,8 +23,6 @@ MAX_ATTEMPTS = 3
 """Attempts with a batch whose worker ends, before the batch is divided."""
 POLL_PERIOD = 0.25
 """Longest time between two checks for an interruption [s]."""
-STOPPING_SAMPLES = 32
-"""Number of samples after which, and after each multiple of which, the stopping rule is evaluated."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +33,7 @@ class Progress:
         planned: Number of flights of the specification.
         stored: Number of rows at the start.
         simulated: Number of rows since then.
+        ended_early: Number of these flights with a reason for an early end.
         lost: Number of these flights that ended their worker.
         stopped_at: Number of samples at which the stopping rule is satisfied; None before.
     """
@@ -42,6 +41,7 @@ class Progress:
     planned: int
     stored: int
     simulated: int = 0
+    ended_early: int = 0
     lost: int = 0
     stopped_at: int | None = None
 
@@ -88,10 +88,15 @@ def campaign_table(campaign: LoadedCampaign, store: Store, columns: Collection[s
 
 
 def _rows_until(last: int | None, planned: Sequence[PlannedFlight], table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of planned flights in their order, up to the sample at which the stopping rule is satisfied."""
+    """Return the rows of planned flights in their order, up to the sample at which the stopping rule is satisfied.
+
+    The samples are numbered as planned: those of a stored row may result from a specification with fewer seeds, grid
+    values or draws.
+    """
     positions = {identifier: k for k, identifier in enumerate(table["id"])}
-    wanted = (flight.id for flight in planned if last is None or flight.sample < last)
-    return table.iloc[[positions[each] for each in wanted if each in positions]].reset_index(drop=True)
+    stored = [flight for flight in planned if flight.id in positions and (last is None or flight.sample < last)]
+    rows = table.iloc[[positions[flight.id] for flight in stored]].reset_index(drop=True)
+    return rows.assign(sample=[flight.sample for flight in stored]) if "sample" in rows else rows
 
 
 def run_campaign(
@@ -204,6 +209,7 @@ class _Run:
         return dataclasses.replace(
             progress,
             simulated=progress.simulated + len(rows),
+            ended_early=progress.ended_early + sum(bool(row["termination_reason"]) for row in rows),
             lost=progress.lost + lost,
             stopped_at=_stopping_sample(rule, self.planned, self.values),
         )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -12,7 +14,7 @@ from pydantic import BeforeValidator, Field, JsonValue, TypeAdapter, ValidationE
 
 from colift.analysis.study_metrics import STUDY_METRICS
 from colift.runtime import bounded_read
-from colift.scenario import Scenario, ScenarioError, Section, fields, loading, validation, yaml_tree
+from colift.scenario import SUFFIXES, Scenario, ScenarioError, Section, fields, loading, validation, yaml_tree
 from colift.scenario.cases import ALL_CASES, PAPER_CASES, case_id
 from colift.scenario.errors import format_value, suggestion
 from colift.scenario.schema_docs import Schema
@@ -21,13 +23,20 @@ MAX_FLIGHTS = 1_000_000
 """Largest number of flights of a campaign."""
 METRICS = tuple(metric.key for metric in STUDY_METRICS)
 """Metrics that tables, comparisons and stopping rules use."""
+STOPPING_SAMPLES = 32
+"""Number of samples after which, and after each multiple of which, the stopping rule is evaluated."""
 OWN_SETTINGS = {"seed": "seeds", "duration_s": "duration_s"}
 """Settings of the scenario that have their own key in a specification."""
 
 
 def _listed(given: Any) -> Any:
-    """Return the long form of a list of values."""
-    return {"kind": "grid", "values": given} if isinstance(given, list) else given
+    """Return the long form of a list of values; refuse a value that is neither a list nor a distribution."""
+    if isinstance(given, list):
+        return {"kind": "grid", "values": given}
+    if not isinstance(given, Section) and not (isinstance(given, dict) and "kind" in given):
+        kinds = "`kind` grid, uniform, log_uniform or normal"
+        raise ValueError(f"must be a list of values, or a section with {kinds}, got {format_value(given)}")
+    return given
 
 
 class Grid(Section):
@@ -159,12 +168,17 @@ def load_campaign(path: str | Path) -> LoadedCampaign:
         raise
     except ValueError as error:
         raise ScenarioError(str(error)) from None
+    if "schema" in tree.data and "scenario" not in tree.data:
+        raise ScenarioError(
+            f"{tree.at(('schema',))} this file is a scenario: a specification is another file, with the line "
+            f"`scenario: {path.name}`"
+        )
     spec = _validated(tree)
     errors = list(_errors(spec, tree))
     if errors:
         raise ScenarioError("\n".join(errors))
     file = spec.scenario
-    if Path(file).suffix in loading.SUFFIXES:
+    if Path(file).suffix in SUFFIXES:
         file = str(path.parent / Path(file).expanduser())
     try:
         scenario = loading.load_scenario(file)
@@ -239,10 +253,12 @@ def _errors(spec: Campaign, tree: yaml_tree.Tree) -> Iterator[str]:
                 yield f"{tree.at((section, path))} {section} {path}: has its own key `{OWN_SETTINGS[path]}`"
     for path, variation in spec.vary.items():
         at = f"{tree.at(('vary', path))} vary {path}"
-        if path in spec.overrides:
-            yield f"{at}: is also in `overrides`"
         if isinstance(variation, Uniform | LogUniform) and variation.low >= variation.high:
             yield f"{at}: high must exceed low, got {variation.low:g} and {variation.high:g}"
+        if isinstance(variation, Grid):
+            yield from (f"{at}: {text} occurs twice" for text in _repeated(variation.values))
+    yield from (f"{tree.at(('seeds',))} seeds: {text} occurs twice" for text in _repeated(spec.seeds or ()))
+    yield from _size_errors(spec, tree)
     drawn = [variation for variation in spec.vary.values() if not isinstance(variation, Grid)]
     if spec.sampling == "saltelli":
         at = f"{tree.at(('sampling',))} sampling:"
@@ -255,6 +271,27 @@ def _errors(spec: Campaign, tree: yaml_tree.Tree) -> Iterator[str]:
         given = spec.until.metric
         hint = suggestion(given, METRICS)
         yield f"{tree.at(('until', 'metric'))} until.metric: must be one of {allowed}, got {format_value(given)}{hint}"
+
+
+def _repeated(values: Sequence[JsonValue]) -> list[str]:
+    """Return the values that occur more than once, as text; 4 and 4.0 are equal."""
+    texts = [f"{value:g}" if type(value) is float and value.is_integer() else json.dumps(value) for value in values]
+    return [text for text, number in Counter(texts).items() if number > 1]
+
+
+def _size_errors(spec: Campaign, tree: yaml_tree.Tree) -> Iterator[str]:
+    """Find errors of the number of flights."""
+    grids = [len(variation.values) for variation in spec.vary.values() if isinstance(variation, Grid)]
+    d = len(spec.vary) - len(grids)
+    draws = spec.samples * (d + 2 if spec.sampling == "saltelli" else 1)
+    samples = draws * math.prod(grids) * len(spec.seeds or (0,))
+    at = f"{tree.at(('samples',))} samples"
+    if spec.seeds is not None and not d and spec.samples > 1:
+        yield f"{at}: must be 1, because samples with equal `seeds` and no distribution are equal, got {spec.samples}"
+    if (flights := samples * len(spec.cases)) > MAX_FLIGHTS:
+        yield f"{at}: draws, grids, seeds and cases must be at most {MAX_FLIGHTS} flights, got {format_value(flights)}"
+    if spec.until is not None and samples < STOPPING_SAMPLES:
+        yield f"{tree.at(('until',))} until: requires at least {STOPPING_SAMPLES} samples, got {samples}"
 
 
 def _overridden(spec: Campaign, tree: yaml_tree.Tree, scenario: Scenario, file: str) -> Scenario:
@@ -275,9 +312,22 @@ def _overridden(spec: Campaign, tree: yaml_tree.Tree, scenario: Scenario, file: 
                 line for value in _extremes(variation) for line in _setting_errors(base, file, [(path, value)], at)
             ]
             errors += dict.fromkeys(found)
+    errors = errors or list(_overlaps(spec, tree, yaml_tree.Tree(file, json.loads(base), {}, [])))
     if errors:
         raise ScenarioError("\n".join(errors[: validation.MAX_MESSAGES]))
     return scenario
+
+
+def _overlaps(spec: Campaign, tree: yaml_tree.Tree, scenario: yaml_tree.Tree) -> Iterator[str]:
+    """Find varied settings that replace an override, and those that are the same as, or part of, another one."""
+    varied = {path: yaml_tree.location_of(scenario, path) for path in spec.vary}
+    overridden = {path: yaml_tree.location_of(scenario, path) for path in spec.overrides}
+    for path, location in varied.items():
+        at = f"{tree.at(('vary', path))} vary {path}:"
+        replaced = [other for other, found in overridden.items() if found[: len(location)] == location]
+        yield from (f"{at} replaces {other} in `overrides`" for other in replaced)
+        inside = [other for other, found in varied.items() if other != path and location[: len(found)] == found]
+        yield from (f"{at} is also varied by {other}" for other in inside)
 
 
 def _value_at(data: Any, path: str) -> Any:

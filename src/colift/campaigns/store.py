@@ -169,12 +169,16 @@ def encode(table: pd.DataFrame, suffix: str) -> bytes:
 
 
 def _column_type(column: pd.Series) -> str:
-    """Return the type of a column, which must be equal in all files: a column without values contains numbers."""
+    """Return the type of a column, which must be equal in all files: a column without values contains numbers.
+
+    A setting with numbers and other values, which have different structures and thus different files, is text.
+    """
     if column.name in TEXT_COLUMNS:
         return "str"
     if column.isna().all():
         return "float64"
-    return str(column.infer_objects().dtype)
+    inferred = str(column.infer_objects().dtype)
+    return "str" if inferred == "object" else inferred
 
 
 def _read_part(file: Path, columns: Collection[str] | None) -> pd.DataFrame:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from colift.cli import campaign_tables, common, tables
+from colift.runtime import signals
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -64,7 +65,11 @@ def run(
             common.show_progress(f"campaign {campaign.name}", quiet) as progress,
         ):
             workers = _engine(opened, jobs, engine, slurm)
-            found = driver.run_campaign(campaign, opened, workers, _reporter(progress))
+            try:
+                found = driver.run_campaign(campaign, opened, workers, _reporter(progress))
+            except signals.Interrupted:
+                common.report_interruption(f"the same command continues; the rows are in {folder / 'parts'}")
+                raise
     with common.guard_output(f"; the rows are in {folder}"):
         if not quiet:
             print(_describe(found))
@@ -87,6 +92,7 @@ def status(path: SpecArgument, out: OutOption = None, as_json: common.JsonOption
         "stored": found.stored,
         "missing": found.missing,
         "ended_early": int((ended != "").sum()),
+        "refused": int((ended == "refused").sum()),
         "lost": int((ended == "lost").sum()),
         "cpu_s": float(rows["cpu_s"].sum()) if "cpu_s" in rows else 0.0,
     }
@@ -95,8 +101,9 @@ def status(path: SpecArgument, out: OutOption = None, as_json: common.JsonOption
             print(json.dumps(counts | {"stopped_at_sample": found.stopped_at}, indent=2))
         else:
             print(_describe(found))
-            print(f"{counts['ended_early']} ended early, {counts['lost']} of them their worker")
-            print(f"{counts['cpu_s']:.1f} s of processor time")
+            ended_early, refused, lost = (counts[name] for name in ("ended_early", "refused", "lost"))
+            print(f"{ended_early} ended early: {refused} with refused settings, {lost} with the end of their worker")
+            print(f"{counts['cpu_s']:.1f} s of processor time; rows in {_store(path, out).parts}")
     if found.missing:
         common.exit_with(common.EXIT_INCOMPLETE)
 
@@ -241,7 +248,8 @@ def _reporter(progress: Report) -> Callable[[Progress], None]:
 def _describe(found: Progress) -> str:
     """Describe the state of a campaign in one line."""
     text = f"{found.stored + found.simulated} of {found.planned} flights stored"
-    text += f" ({found.simulated} new)" if found.simulated else ""
+    if found.simulated:
+        text += f" ({found.simulated} new, {found.ended_early} ended early)"
     return text if found.stopped_at is None else f"{text}; the rule `until` is satisfied at {found.stopped_at} samples"
 
 

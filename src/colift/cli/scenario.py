@@ -39,7 +39,7 @@ def list_scenarios(as_json: common.JsonOption = False) -> None:
     """List the shipped scenarios."""
     from colift import scenario
 
-    found = {name: scenario.load_scenario(name).description for name in scenario.shipped_names()}
+    found = {name: scenario.shipped_description(name) for name in scenario.shipped_names()}
     with common.guard_output():
         if as_json:
             print(json.dumps(found, indent=2))

@@ -9,6 +9,7 @@ plugins           user-defined parts, named as `module:Name`
 errors            messages with their location in the data
 validation        pydantic errors as messages
 yaml_tree         YAML text as plain data with line numbers
+shipped           names, texts and descriptions of the shipped scenarios
 loading           file to settings, or to all errors with their lines
 migration         conversion of files of schema 1
 former_settings   locations and fields that replace settings of earlier files
@@ -35,11 +36,31 @@ cases             cases, their extensions and baselines
 experiment        experiment of each case
 """
 
-from colift.scenario.dumping import to_yaml, with_control
-from colift.scenario.errors import ScenarioError
-from colift.scenario.loading import SUFFIXES, load_scenario, parse, shipped_names, shipped_text
-from colift.scenario.schema import Scenario, Section
+from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from colift.scenario.dumping import to_yaml, with_control
+    from colift.scenario.errors import ScenarioError
+    from colift.scenario.loading import load_scenario, parse
+    from colift.scenario.schema import Scenario, Section
+    from colift.scenario.shipped import SUFFIXES, shipped_description, shipped_names, shipped_text
+
+_HOME = {
+    "SUFFIXES": "shipped",
+    "Scenario": "schema",
+    "ScenarioError": "errors",
+    "Section": "schema",
+    "load_scenario": "loading",
+    "parse": "loading",
+    "shipped_description": "shipped",
+    "shipped_names": "shipped",
+    "shipped_text": "shipped",
+    "to_yaml": "dumping",
+    "with_control": "dumping",
+}
 __all__ = [
     "SUFFIXES",
     "Scenario",
@@ -47,8 +68,16 @@ __all__ = [
     "Section",
     "load_scenario",
     "parse",
+    "shipped_description",
     "shipped_names",
     "shipped_text",
     "to_yaml",
     "with_control",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from its module on first use."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'colift.scenario' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"colift.scenario.{_HOME[name]}"), name)

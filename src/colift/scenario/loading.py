@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,20 +20,9 @@ from colift.scenario.from_table import SampledFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
 from colift.scenario.migration import SCHEMA
 from colift.scenario.schema import Scenario, Section
+from colift.scenario.shipped import SUFFIXES, shipped_names, shipped_text
 
-SHIPPED_DIRECTORY = resources.files("colift.scenario") / "library"
-SUFFIXES = (".yaml", ".yml")
 SCENARIO_ADAPTER = TypeAdapter(Scenario)  # validation of plain data
-
-
-def shipped_names() -> list[str]:
-    """Return the names of the shipped scenarios."""
-    return sorted(Path(file.name).stem for file in SHIPPED_DIRECTORY.iterdir() if file.name.endswith(SUFFIXES))
-
-
-def shipped_text(name: str) -> str:
-    """Return the text of a shipped scenario, with its comments; `name` as in `shipped_names`."""
-    return (SHIPPED_DIRECTORY / f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def load_scenario(name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:

@@ -136,9 +136,22 @@ def with_value(tree: Tree, path: str, value: Any) -> Tree:
     return _with_value(tree, path, value)[0]
 
 
-def _with_value(tree: Tree, path: str, value: Any) -> tuple[Tree, Location]:
-    """Return the changed tree and the location of the setting."""
-    lines, data, location = dict(tree.lines), tree.data, ()
+def location_of(tree: Tree, path: str) -> Location:
+    """Return the location of a setting; the path is as in `with_setting`.
+
+    Args:
+        tree: Data of a scenario.
+        path: Path of the setting.
+
+    Raises:
+        ScenarioError: If the path does not exist.
+    """
+    return _locate(tree, path)[0]
+
+
+def _locate(tree: Tree, path: str) -> tuple[Location, list[Location]]:
+    """Return the location of a setting, and those of its sections that the tree does not contain."""
+    data, location, missing = tree.data, (), []
     for name in path.split("."):
         if isinstance(data, list):
             key = _index(name, data, path)
@@ -146,13 +159,20 @@ def _with_value(tree: Tree, path: str, value: Any) -> tuple[Tree, Location]:
         elif isinstance(data, dict):
             key = name
             if name not in data:
-                lines[*location, name] = 0
+                missing.append((*location, name))
             data = data.get(name, {})
         else:
             raise ScenarioError(
                 f"--set {path}: {'.'.join(map(str, location))} is {format_value(data)}, which holds no settings"
             )
         location = (*location, key)
+    return location, missing
+
+
+def _with_value(tree: Tree, path: str, value: Any) -> tuple[Tree, Location]:
+    """Return the changed tree and the location of the setting."""
+    location, missing = _locate(tree, path)
+    lines = tree.lines | dict.fromkeys(missing, 0)
     inside = lambda at: at[: len(location)] == location  # noqa: E731
     changed = Tree(
         tree.file,

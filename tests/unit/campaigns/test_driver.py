@@ -69,6 +69,30 @@ def test_repeated_campaign_computes_what_is_missing(tmp_path: Path):
     assert campaigns.numbers(path, out) == undisturbed(path, tmp_path / "other")
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ({"seeds": [4]}, {"seeds": [4, 5]}),
+        (
+            {"vary": {"control.K_p": [4, 5], "control.K_v": [4]}},
+            {"vary": {"control.K_p": [4, 5], "control.K_v": [4, 5]}},
+        ),
+        ({"samples": 4, "sampling": "saltelli"}, {"samples": 8, "sampling": "saltelli"}),
+    ],
+    ids=["seeds", "grid", "saltelli"],
+)
+def test_extended_campaign_numbers_its_samples_again(
+    before: dict[str, object], after: dict[str, object], tmp_path: Path
+):
+    """Rows that were stored with another numbering are paired with the new ones as in an undisturbed campaign."""
+    out = tmp_path / "out"
+    rest = {"cases": ["C1", "C3"], "samples": 4} | ({"samples": 1, "seeds": [4]} if "vary" in before else {})
+    for changes in (before, after):
+        path = campaigns.write(tmp_path, **(rest | changes))
+        campaigns.run(path, out, campaigns.InlineEngine(campaigns.quick_rows))
+    assert campaigns.numbers(path, out) == undisturbed(path, tmp_path / "other")
+
+
 def test_killed_driver_loses_batches_in_flight_only(tmp_path: Path):
     """After `kill -9` of the driver its worker ends, and the next run yields the table of an undisturbed campaign."""
     path, out = campaigns.write(tmp_path, samples=70), tmp_path / "out"

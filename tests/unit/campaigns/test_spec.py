@@ -8,6 +8,7 @@ import pytest
 
 from colift.campaigns import spec
 from colift.scenario import ScenarioError
+from tests.support import small_team
 
 MISTAKES = {
     "scenario: papr": (1, "scenario", "'papr'", "did you mean 'paper'?"),
@@ -33,9 +34,22 @@ MISTAKES = {
     "scenario: paper\nvary: {seed: [1, 2]}": (2, "vary seed", "`seeds`", ""),
     "scenario: paper\noverrides: {payload.mass_kg: heavy}": (2, "overrides payload.mass_kg [kg]", "number", "'heavy'"),
     "scenario: paper\noverrides: {agents.middle.type: x}": (2, "overrides agents.middle.type", "'front', 'rear'", ""),
-    "scenario: paper\nuntil: {metric: e_p, half_width: 1}": (2, "until.metric", "e_p_rms_m", "got 'e_p'"),
+    "scenario: paper\nuntil: {metric: e_p, half_width: 1}\nsamples: 32": (2, "until.metric", "e_p_rms_m", "got 'e_p'"),
     "scenario: paper\nsampling: saltelli\nvary: {control.K_p: [4, 5]}": (2, "sampling", "no grid", ""),
     "scenario: paper\n- 3": (2, "not valid YAML", "", ""),
+    "scenario: paper\nvary: {payload.mass_kg: 1.5}": (2, "vary payload.mass_kg", "a list of values", "got 1.5"),
+    "scenario: paper\nvary: {payload.mass_kg: {low: 1, high: 2}}": (2, "grid, uniform, log_uniform or normal", "", ""),
+    "scenario: paper\nvary: {control.K_p: [4, 4.0]}": (2, "vary control.K_p", "4 occurs twice", ""),
+    "scenario: paper\nseeds: [3, 3]": (2, "seeds", "3 occurs twice", ""),
+    "scenario: paper\nseeds: [1, 2]\nsamples: 5": (3, "samples", "must be 1", "got 5"),
+    f"scenario: paper\nsamples: {spec.MAX_FLIGHTS}": (2, "samples", "at most 1000000 flights", "got 3000000"),
+    "scenario: paper\nuntil: {metric: e_p_rms_m, half_width: 1}": (2, "until", "at least 32 samples", "got 1"),
+    "scenario: paper\noverrides: {agents.0.yaw_deg: 5}\nvary: {agents.front.yaw_deg: [2, 3]}": (
+        3,
+        "vary agents.front.yaw_deg",
+        "replaces agents.0.yaw_deg in `overrides`",
+        "",
+    ),
 }
 
 
@@ -58,6 +72,20 @@ def test_all_errors_of_a_file_are_listed(tmp_path: Path):
     with pytest.raises(ScenarioError) as caught:
         spec.load_campaign(path)
     assert str(caught.value).count("\n") == 1
+
+
+def test_parts_of_a_varied_setting_are_not_varied(tmp_path: Path):
+    path = tmp_path / "campaign.yaml"
+    whole, part = "initial_state.position_error_m", "initial_state.position_error_m.0"
+    path.write_text(f"scenario: paper\nvary:\n  {whole}: [[0, 0, 0]]\n  {part}: [1]\n")
+    with pytest.raises(ScenarioError, match=f"^{path}:4: vary {part}: is also varied by {whole}$"):
+        spec.load_campaign(path)
+
+
+def test_scenario_is_no_specification(tmp_path: Path):
+    path = small_team.write(tmp_path / "light.yaml")
+    with pytest.raises(ScenarioError, match=f"^{path}:1: this file is a scenario.*`scenario: light.yaml`$"):
+        spec.load_campaign(path)
 
 
 def test_missing_and_special_files_are_refused(tmp_path: Path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,13 @@ def test_rows_are_equal_after_a_round_trip(suffix: str, tmp_path: Path, monkeypa
             if name != "id":
                 assert by_id.loc[str(row["id"]), name] == value
     assert np.isnan(by_id.loc[planned[3].id, "x"])
+
+
+@pytest.mark.skipif(not store.has_pyarrow(), reason="the extra is not installed")
+def test_parquet_file_of_a_setting_with_numbers_and_texts():
+    table = pd.DataFrame({"id": ["a", "b"], "settings.learning.fit_latency": [0.5, '"measured"']})
+    found = pd.read_parquet(io.BytesIO(store.encode(table, "parquet")))
+    assert found["settings.learning.fit_latency"].tolist() == ["0.5", '"measured"']
 
 
 def test_rows_that_occur_twice_are_read_once(tmp_path: Path):

@@ -10,8 +10,10 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from colift.campaigns import engines
+from colift.campaigns.flights import Batch, Row
+from colift.cli import common
 from colift.cli.app import app
-from colift.runtime import run_directory
+from colift.runtime import run_directory, signals
 from tests.support import campaigns
 
 
@@ -65,6 +67,30 @@ def test_errors_are_one_line_with_status_2(path: Path, tmp_path: Path):
         assert found.exit_code == 2
         assert message in found.stderr
         assert found.stderr.count("\n") == 1
+
+
+def test_flights_that_ended_early_are_counted(path: Path, monkeypatch: pytest.MonkeyPatch):
+    def rows(batch: Batch) -> list[Row]:
+        reasons = ("", "refused: mass", "lost: signal 9", "signal u is not finite")
+        found = zip(campaigns.quick_rows(batch), reasons * len(batch.flights), strict=False)
+        return [row | {"complete": not reason, "termination_reason": reason} for row, reason in found]
+
+    monkeypatch.setattr(engines, "LocalEngine", lambda _jobs, modules: campaigns.InlineEngine(rows))
+    campaigns.write(path.parent, samples=4)
+    assert "4 of 4 flights stored (4 new, 3 ended early)" in invoke("run", path).stdout
+    assert "3 ended early: 1 with refused settings, 1 with the end of their worker" in invoke("status", path).stdout
+
+
+def test_interrupted_run_states_how_it_continues(path: Path, monkeypatch: pytest.MonkeyPatch):
+    def interrupted(_batch: Batch) -> list[Row]:
+        raise signals.Interrupted
+
+    notes: list[str] = []
+    monkeypatch.setattr(common, "report_interruption", notes.append)
+    monkeypatch.setattr(engines, "LocalEngine", lambda _jobs, modules: campaigns.InlineEngine(interrupted))
+    with pytest.raises(signals.Interrupted):
+        invoke("run", path)
+    assert notes == ["the same command continues; the rows are in out/campaign-campaign/parts"]
 
 
 def test_second_run_on_a_folder_is_refused(path: Path, tmp_path: Path):

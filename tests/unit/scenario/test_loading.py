@@ -17,9 +17,9 @@ from colift.scenario import Scenario, ScenarioError
 from colift.scenario.from_csv import WaypointsFromFile
 from colift.scenario.from_table import SampledFromFile
 from colift.scenario.from_urdf import AgentTypeFromUrdf
-from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema import AgentType, Body, Revolute
 from colift.scenario.schema_docs import markdown
+from colift.scenario.shipped import SHIPPED_DIRECTORY
 
 SAMPLE = (Path(__file__).parents[2] / "support" / "sample_scenario.yaml").read_text(encoding="utf-8")
 BODY = {"mass_kg": 1.0}

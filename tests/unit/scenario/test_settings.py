@@ -17,8 +17,8 @@ from colift.onboard.control import actuator_compensation
 from colift.onboard.estimation import state_estimator
 from colift.onboard.learning import kalman_correction, residual_predictors, semiparametric
 from colift.scenario import Scenario, experiment, termination
-from colift.scenario.loading import SHIPPED_DIRECTORY
 from colift.scenario.schema_docs import unit_of
+from colift.scenario.shipped import SHIPPED_DIRECTORY
 from tests.support import small_team as light
 from tests.support.varied_scenarios import changed
 
