@@ -99,6 +99,17 @@ def test_contacts_press_within_their_friction_cones():
     np.testing.assert_allclose(forces.acceleration.a, 0, atol=1e-3)
 
 
+def test_an_open_contact_bears_no_force_and_is_at_no_limit():
+    limits = constrained_allocation.ContactLimits(max_force=20.0)
+    _, _, _, onboard, now = allocated(allocator(limits), 50, np.zeros(6))
+    (group,) = onboard.team.agent_groups
+    group = dataclasses.replace(group, contact_compliance=jnp.array([[1.0, 0.0], [0.0, 0.0]]))
+    now = dataclasses.replace(now, team=dataclasses.replace(onboard.team, agent_groups=(group,)))
+    forces, _, _ = _allocate(onboard, onboard.allocator.init(), now, jnp.zeros(6))
+    np.testing.assert_allclose(forces.lam[0], 0, atol=1e-2)
+    assert not np.asarray(forces.report.force).any()
+
+
 def test_rates_remain_unless_thrust_directions_change():
     """Contacts that press change the forces within each agent only; a thrust limit below the need changes all rates."""
     limits = constrained_allocation.ContactLimits(normals=NORMALS, friction=0.6, min_force=1.0, max_force=20.0)

@@ -189,7 +189,7 @@ class ConstrainedAllocator:
             tilt=at_cone[:agents],
             thrust=at_size[:agents],
             friction=at_cone[agents:],
-            force=at_size[agents:],
+            force=at_size[agents:] & (sets.maximum[agents:] > 0),  # an open contact is not at a limit
         )
 
 
