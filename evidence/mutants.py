@@ -222,6 +222,20 @@ MUTANTS = {
         "unit/onboard/test_state_estimator",
         "test_labels_converge_to_the_filtered_true_residual",
     ),
+    "agent label: sign of the tip moment readings": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "y=modelled.at[3:].add(load)",
+        "y=modelled.at[3:].add(-load)",
+        "unit/onboard/test_rigid_assembly",
+        "test_a_beam_with_two_vehicles_flies",
+    ),
+    "payload label: sign of the tip moment readings": Mutant(
+        "onboard/estimation/state_estimator.py",
+        "label.at[3:].add(-(balances.payload.R.T @ sum(in_world)))",
+        "label.at[3:].add(balances.payload.R.T @ sum(in_world))",
+        "unit/onboard/test_rigid_assembly",
+        "test_a_beam_with_two_vehicles_flies",
+    ),
     "payload label: tip force filter omitted": Mutant(
         "onboard/estimation/state_estimator.py",
         "state.initialized, smoothing_factor(filters.tip_force, dt)",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from evidence import limits as limit_flights
-from evidence import payloads, realization, verdicts
+from evidence import payloads, realization, rotor_limits, verdicts
 from results_tables import CASES, items, limits, markdown, number, table
 from results_tables import targets as target_table
 from tests.support import user_teams
@@ -57,6 +57,27 @@ def limits_values() -> str:
             cells.append(f"{angle:.2g}, {ratio:.2f}{ended}" if kept else "lost")
         rows.append((f"`{team}`", f"`{case}`", *cells))
     return markdown(("team", "case", *names), rows)
+
+
+@table("rotor_limits")
+def rotor_limits_targets() -> str:
+    """Targets of the flights at rotor limits."""
+    return target_table(rotor_limits.targets(items("rotor_limits")))
+
+
+@table("rotor_limits")
+def rotor_limits_values() -> str:
+    """RMS position error, or the time at which a flight ended, at rotor limits by case and limit."""
+    of, rows = items("rotor_limits"), []
+    for limit in rotor_limits.LIMITS:
+        cells = []
+        for case in rotor_limits.CASES:
+            flown = [each for seed in rotor_limits.SEEDS if (each := of.get(f"{case} {limit:g} {seed}"))]
+            errors = [f"{1e3 * one['e_p_rms_m']:.3g}" if one["e_p_rms_m"] else f"{one['end_s']:.1f} s" for one in flown]
+            cells.append(", ".join(errors) or "-")
+        if set(cells) != {"-"}:
+            rows.append((f"{limit:g}", *cells))
+    return markdown(("limit [N]", *(f"`{case}` [mm]" for case in rotor_limits.CASES)), rows)
 
 
 @table("starts")

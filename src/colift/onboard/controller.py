@@ -416,7 +416,9 @@ class LeaderFollowerController:
     def _demand(self, state: ControlLawState, context: ControlContext) -> tuple[ControlDemand, ControlLawState]:
         """Evaluate payload controller, prediction, desired wrench and allocation."""
         command, payload_controller = self.payload_controller.compute(state.payload_controller, context)
-        f_hat = self.residual_predictor.predict(state.predictor, self.residual_model, context, command)
+        f_hat = self.residual_predictor.predict(
+            state.predictor, self.residual_model, context, _expected_acceleration(command, context)
+        )
         demand = tracking_demand(self.team, context.estimate.payload, command, f_hat)
         forces, allocator = self.allocator.allocate(state.allocator, context, demand)
         next_state = dataclasses.replace(state, payload_controller=payload_controller, allocator=allocator)
@@ -467,6 +469,20 @@ class LeaderFollowerController:
             lam=demand.forces.lam,
             f_hat=demand.f_hat,
         )
+
+
+def _expected_acceleration(
+    command: tracking.AccelerationCommand, context: ControlContext
+) -> tracking.AccelerationCommand:
+    """Return the commanded acceleration plus the shortfall of the last control period.
+
+    Residuals of payload parameters are proportional to the acceleration. At a limit the commanded acceleration may
+    exceed the achieved one by several times the gravitational acceleration, and so would these residuals.
+    """
+    if context.last_shortfall is None or context.is_preview:  # the preview has no limits
+        return command
+    d = context.last_shortfall
+    return dataclasses.replace(command, a=command.a + d[:3], alpha=command.alpha + d[3:])
 
 
 def _message(demand: ControlDemand, context: ControlContext) -> LeaderMessage:

@@ -109,7 +109,7 @@ class ControlContext:
             if the controller has a ``preview_step``; None otherwise.
         correction: Estimated error of the residual model [N, N m]. None without a ``residual_corrector``.
         last_shortfall: Achieved minus commanded payload acceleration of the previous period [m/s^2 world, rad/s^2
-            payload frame], for anti-windup. None if the allocator has no limits.
+            payload frame], for anti-windup and the prediction of residuals. None if the allocator has no limits.
         is_preview: True in evaluations for the preview, where an allocator may neglect limits to save time.
     """
 
@@ -377,7 +377,8 @@ class ResidualPredictor(Protocol):
             state: Result of `update` in this control period.
             model: Residual model in use.
             context: Inputs at the time of the prediction.
-            acceleration_cmd: Commanded payload acceleration [m/s^2 world, rad/s^2 payload frame].
+            acceleration_cmd: Commanded payload acceleration [m/s^2 world, rad/s^2 payload frame], at limits with the
+                shortfall of the previous period.
 
         Returns:
             Residuals of the agents (force on the center of mass [N, world], moment [N m, body frame], joint torques

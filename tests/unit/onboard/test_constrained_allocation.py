@@ -8,14 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from colift.math import so3
 from colift.models import grasp
-from colift.models.state import zero_residual
+from colift.models.state import add_payload_wrench, zero_residual
 from colift.onboard import controller, interfaces
 from colift.onboard.control import constrained_allocation, payload_controllers, tracking
+from colift.onboard.learning import residual_predictors
 from tests.support import paper_flights as paper
 
 NORMALS = np.array([[0, -1, 0], [0, 1, 0], [0, -1, 0], [0, 1, 0]], float)
-ZERO = jnp.zeros(3)
+JERK = jnp.array([0.3, -0.2, 0.1])
 
 
 def allocator(
@@ -28,7 +30,7 @@ def allocator(
 
 @jax.jit
 def _allocate(onboard: controller.LeaderFollowerController, state: Any, now: interfaces.ControlContext, a: jax.Array):
-    command = tracking.AccelerationCommand(a=a[:3], alpha=a[3:], jerk=ZERO)
+    command = tracking.AccelerationCommand(a=a[:3], alpha=a[3:], jerk=JERK)
     demand = controller.tracking_demand(onboard.team, now.estimate.payload, command, zero_residual(onboard.team))
     forces, next_state = onboard.allocator.allocate(state, now, demand)
     preferred, _ = onboard.allocator.base.allocate((), now, demand)
@@ -97,6 +99,52 @@ def test_contacts_press_within_their_friction_cones():
     np.testing.assert_allclose(forces.acceleration.a, 0, atol=1e-3)
 
 
+def test_an_open_contact_bears_no_force_and_is_at_no_limit():
+    limits = constrained_allocation.ContactLimits(max_force=20.0)
+    _, _, _, onboard, now = allocated(allocator(limits), 50, np.zeros(6))
+    (group,) = onboard.team.agent_groups
+    group = dataclasses.replace(group, contact_compliance=jnp.array([[1.0, 0.0], [0.0, 0.0]]))
+    now = dataclasses.replace(now, team=dataclasses.replace(onboard.team, agent_groups=(group,)))
+    forces, _, _ = _allocate(onboard, onboard.allocator.init(), now, jnp.zeros(6))
+    np.testing.assert_allclose(forces.lam[0], 0, atol=1e-2)
+    assert not np.asarray(forces.report.force).any()
+
+
+def test_rates_remain_unless_thrust_directions_change():
+    """Contacts that press change the forces within each agent only; a thrust limit below the need changes all rates."""
+    limits = constrained_allocation.ContactLimits(normals=NORMALS, friction=0.6, min_force=1.0, max_force=20.0)
+    pressing, preferred, _, _, _ = allocated(allocator(limits), 50, np.zeros(6))
+    assert np.abs(pressing.lam - preferred.lam).max() > constrained_allocation.RATE_RANGE
+    assert np.abs(preferred.lam_dot).max() > 0.01
+    np.testing.assert_allclose(pressing.lam_dot, preferred.lam_dot, rtol=0.05)
+    np.testing.assert_allclose(pressing.acceleration.jerk, JERK, rtol=0.05)
+    limited, _, _, _, _ = allocated(allocator(), 22, [0, 0, 3, 0, 0, 0])
+    assert not np.any(limited.lam_dot)
+    assert not np.any(limited.acceleration.jerk)
+
+
+def test_residuals_are_predicted_at_the_achieved_acceleration():
+    """The residual of a wrong mass converges to that of the achieved acceleration in a few control periods."""
+    _, _, _, onboard, now = allocated(allocator(), 22, [0, 0, 3, 0, 0, 0])
+    zero, mass = zero_residual(onboard.team), 0.3
+
+    def of_mass(state: Any, command: tracking.AccelerationCommand, t: jax.Array) -> Any:
+        return add_payload_wrench(zero, -mass * jnp.concatenate([command.a, jnp.zeros(3)]))
+
+    onboard = dataclasses.replace(
+        onboard, residual_predictor=residual_predictors.TrueResidual(function=jax.tree_util.Partial(of_mass))
+    )
+    step = jax.jit(lambda c, state, now: c.control_law(state, now)[1:])
+    state, telemetry = step(onboard, onboard.init_control_law(), now)
+    demanded, _ = onboard.payload_controller.compute((), now)
+    np.testing.assert_allclose(telemetry.f_hat.payload.F, -mass * np.asarray(demanded.a), atol=1e-12)
+    assert telemetry.shortfall[2] < -0.5
+    for _ in range(5):
+        state, telemetry = step(onboard, state, dataclasses.replace(now, last_shortfall=telemetry.shortfall))
+    achieved = np.asarray(demanded.a) + np.asarray(telemetry.shortfall)[:3]
+    np.testing.assert_allclose(telemetry.f_hat.payload.F, -mass * achieved, atol=1e-3)
+
+
 def test_agents_and_integral_use_the_achieved_acceleration():
     """The wrench of the log is the achieved one, and the next period receives the difference."""
     _, _, state, onboard, now = allocated(allocator(), 22, [0, 0, 3, 0, 0, 0])
@@ -142,3 +190,15 @@ def test_position_error_is_bounded_by_its_norm():
 def test_incomplete_contact_limits_are_refused(limits, message):
     with pytest.raises(ValueError, match=message):
         allocator(constrained_allocation.ContactLimits(**limits))
+
+
+def test_slack_of_moments_has_the_lever_about_its_axis():
+    """A narrow team has a short lever about its long axis in any direction; contacts on a circle have its radius."""
+    angles = np.arange(5) * 2 * np.pi / 5
+    circle = np.stack([0.7 * np.cos(angles), 0.7 * np.sin(angles), 0 * angles], axis=1)
+    np.testing.assert_allclose(constrained_allocation._levers(circle), 0.7 * np.eye(3), atol=1e-12)
+    narrow = np.array([[1, 0.1, 0], [1, -0.1, 0], [-1, 0.1, 0], [-1, -0.1, 0]])
+    expected = np.diag([np.sqrt(2) * 0.1, np.sqrt(2), np.sqrt(1.01)])
+    np.testing.assert_allclose(constrained_allocation._levers(narrow), expected, atol=1e-12)
+    R = np.asarray(so3.exp(jnp.array([0.0, 0.0, 0.6])))
+    np.testing.assert_allclose(constrained_allocation._levers(narrow @ R.T), R @ expected @ R.T, atol=1e-12)

@@ -71,6 +71,8 @@ def task(seed: int, structure: tuple) -> Task:
     """Random contact forces on a moving team, and the payload acceleration that follows from them."""
     rng = np.random.default_rng(seed)
     team, z = PinocchioTeam(teams.team(rng, structure)).on_grasp(teams.free_state(rng, structure))
+    unlimited = tuple(dataclasses.replace(g, thrust_max=jnp.full_like(g.thrust_max, 1e6)) for g in team.agent_groups)
+    team = dataclasses.replace(team, agent_groups=unlimited)
     draw = lambda *shape: jnp.array(rng.normal(size=shape))  # noqa: E731
     shares, forces = [], []
     for size, group in zip(team.sizes, team.agent_groups, strict=True):
@@ -510,3 +512,31 @@ def test_preview_rates_of_a_single_body(seed):
     expected = attitude_module.attitude_trajectory(jnp.asarray(np.stack([c[0], c[1], 2 * c[2]])), share.yaw)
     for name in ("R", "omega", "omega_dot"):
         np.testing.assert_allclose(getattr(turn, name), getattr(expected, name), atol=1e-7, err_msg=name)
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_contacts_bear_the_thrust_that_a_limit_withholds(structure):
+    """With limited thrust the torques are those for contact forces without the missing thrust, by inverse dynamics."""
+    problem = task(0, structure)
+    team, z, missing = problem.team, problem.z, 1.5
+
+    def limited(agent, q, share, f):
+        g = aerial_manipulator.forward_kinematics(agent, q.r)
+        p = aerial_manipulator.centroidal_model(agent, g)
+        h, _ = aerial_manipulator.bias_forces(agent, g, p, q.omega, q.r_dot)
+        xi_dot = jnp.arange(3.0 + agent.tree.joints)
+        compute = functools.partial(
+            realization.inputs_for_acceleration, p, h, q, problem.to.a - team.gravity, xi_dot, f_hat=f
+        )
+        requested = compute(lam=share.lam)
+        at_limit = dataclasses.replace(agent, thrust_max=requested.u - missing)
+        found = realization.with_torques_for_limited_thrust(at_limit, p, requested)
+        return requested, found, compute(lam=share.lam - missing * q.R[None, :, 2] / agent.tree.arms)
+
+    for group, q, share, f in zip(team.agent_groups, z.agents, problem.shares, problem.f.agents, strict=True):
+        requested, found, expected = jax.jit(jax.vmap(limited))(group, q, share, f)
+        np.testing.assert_array_equal(found.u, requested.u)  # the limit itself follows later
+        np.testing.assert_allclose(expected.u, requested.u - missing, atol=1e-12)
+        np.testing.assert_allclose(found.tau, expected.tau, atol=1e-12)
+        np.testing.assert_allclose(found.tau_r, expected.tau_r, atol=1e-12)
+        assert np.abs(found.tau_r - requested.tau_r).max() > 0.01

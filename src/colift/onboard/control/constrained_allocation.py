@@ -6,8 +6,8 @@ Each control period solves one cone program in the contact forces `lam`, in the 
 - thrust of every agent, `t_j = m_j P_j acc + sum_b lam_jb - m_j g - f_hat_j`, in a cone about the vertical between a
   minimum and a maximum, with the acceleration `P_j acc` of its contacts' mean;
 - contact force `lam_b` in a friction cone about its normal, between a minimum and a maximum;
-- slack `S (acc - acc_cmd)` [N] with mass and inertia of the team, the moment divided by the contacts' root mean square
-  lever, with penalties for roll and pitch, then yaw, then z, then x and y.
+- slack `S (acc - acc_cmd)` [N] with mass and inertia of the team, the moment divided by the contacts' lever about its
+  axis, with penalties for roll and pitch, then yaw, then z, then x and y.
 
 Deviations from the preferred distribution `lam_0 = G^+ W + Z eta` cost little. The sum of an agent's horizontal contact
 forces costs a hundred times more, because it tilts the agent.
@@ -47,9 +47,10 @@ DEVIATION_WEIGHT = 0.1
 LATERAL_WEIGHT = 100.0
 """Weight of an agent's squared sum of horizontal forces, relative to `DEVIATION_WEIGHT`."""
 RATE_RANGE = 0.5
-"""Deviation from the preferred forces, with the slack, at which the rates of the command are no longer used [N].
+"""Slack, plus change of an agent's horizontal force, at which the rates of the command are no longer used [N].
 
-The rates are those of the command without limits; at a limit the forces do not follow it.
+The rates are those of the command without limits. They serve the direction of the thrust, so they remain valid where
+only vertical or internal forces are changed by a limit.
 """
 ACTIVE_TOLERANCE = 1e-2
 """Distance from a limit at which it is reported as active [N]."""
@@ -122,7 +123,9 @@ class ConstrainedAllocator:
         solution = cone_program.solve(self.program, x_0, b, sets, R[2], state)
         lam = solution.x.reshape(-1, 3)
         acc = matvec(self.acceleration_map, solution.x) + acc_0
-        moved = jnp.abs(solution.x - x_0).max() + jnp.abs(solution.v[-6:]).max()
+        change = grasp.split_contacts(context.team, lam - x_0.reshape(-1, 3))
+        horizontal = jnp.concatenate([part.sum(1)[:, :2] for part in change])
+        moved = jnp.abs(horizontal).max() + jnp.abs(solution.v[-6:]).max()
         share = jnp.maximum(0.0, 1 - moved / RATE_RANGE)
         command = ContactForceCommand(
             lam=lam @ R.T,
@@ -186,7 +189,7 @@ class ConstrainedAllocator:
             tilt=at_cone[:agents],
             thrust=at_size[:agents],
             friction=at_cone[agents:],
-            force=at_size[agents:],
+            force=at_size[agents:] & (sets.maximum[agents:] > 0),  # an open contact is not at a limit
         )
 
 
@@ -218,12 +221,11 @@ def constrained_allocator(
     M_inverse = np.zeros((6, 6))
     M_inverse[:3, :3], M_inverse[3:, 3:] = np.eye(3) / float(payload.mass), np.linalg.inv(np.asarray(payload.inertia))
     acceleration_map = M_inverse @ grasp.payload_frame_grasp_matrix(c)
-    lever = np.sqrt(np.square(c[:, :2]).sum(1).mean())
     slack_map = np.zeros((6, 6))
     slack_map[:3, :3] = (float(payload.mass) + mass.sum()) * np.eye(3)
     inertia = np.asarray(payload.inertia)
     inertia = inertia + sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(mass, center, strict=True))
-    slack_map[3:, 3:] = inertia / lever
+    slack_map[3:, 3:] = np.linalg.solve(_levers(c), inertia)
     P = np.eye(3 * len(c))
     rows = []
     for j in range(len(mass)):
@@ -245,6 +247,24 @@ def constrained_allocator(
         slack_map=jnp.asarray(slack_map),
         tan_tilt=jnp.asarray(np.tan(tilt)),
     )
+
+
+def _levers(c: np.ndarray) -> np.ndarray:
+    """Return the levers of vertical forces about the horizontal axes, and of horizontal forces about the vertical [m].
+
+    `L^2 = 2 mean(a a^T)` with the moments `a = (y, -x)` of unit forces, and the root mean square radius for the
+    vertical. Levers of contacts on a circle are its radius. A narrow team has a short lever about its long axis: a
+    moment about this axis costs more thrust, so its slack must cost more.
+
+    Args:
+        c: Contact points [m, payload frame].
+    """
+    a = np.stack([c[:, 1], -c[:, 0]], axis=1)
+    values, axes = np.linalg.eigh(2 * (a[:, :, None] * a[:, None]).mean(0))
+    L = np.zeros((3, 3))
+    L[:2, :2] = axes @ np.diag(np.sqrt(values)) @ axes.T
+    L[2, 2] = np.sqrt(np.square(a).sum(1).mean())
+    return L
 
 
 def _contact_sets(contacts: int, limits: ContactLimits) -> cone_program.ConeSets:

@@ -51,7 +51,7 @@ def agent_inputs(
        closed contacts bear what this motion requires across the thrust. Joints that move no closed contact have no
        compensation of `f_hat`.
     4. `u = f_des . R e_3` with `f_des = m (x_dd - a_g) + sum lam - f_hat_x`; torques by inverse dynamics for
-       `lam - deficit / arms`.
+       `lam - deficit / arms`, and for the limited thrust (`with_torques_for_limited_thrust`).
 
     Args:
         agent: Nominal parameters of one agent.
@@ -69,7 +69,8 @@ def agent_inputs(
             (`free_flight_acceleration`) [m/s^2, world]; None if no contact can open.
 
     Returns:
-        Thrust [N], body torque [N m, body frame], joint torques or forces [N m or N]; thrust is not limited here.
+        Thrust [N], body torque [N m, body frame], joint torques or forces [N m or N]; thrust is not limited here, but
+        the torques are those for a limited thrust.
     """
     g = aerial_manipulator.forward_kinematics(agent, q.r)
     p = aerial_manipulator.centroidal_model(agent, g)
@@ -100,7 +101,33 @@ def agent_inputs(
     if closed is not None:
         missing = closed[:, None] * deficit[None] / jnp.maximum(1.0, closed.sum())
     lam = setpoint.lam - missing
-    return inputs_for_acceleration(p, h, q, q.R @ y[:3] - gravity, xi_dot, lam, f_hat)
+    inputs = inputs_for_acceleration(p, h, q, q.R @ y[:3] - gravity, xi_dot, lam, f_hat)
+    return with_torques_for_limited_thrust(agent, p, inputs)
+
+
+def with_torques_for_limited_thrust(
+    agent: AerialManipulator, p: aerial_manipulator.CentroidalModel, requested: AgentInput
+) -> AgentInput:
+    """Return the requested thrust and torques, with torques for a thrust up to the limit of the agent.
+
+    The closed contacts share the missing thrust s, so that all accelerations remain those of the request::
+
+        Q = Q_requested + s (J_base - mean_b J_b)^T e_3
+
+    with the Jacobians of base and tips relative to the center of mass. With the torques of the request, the base of an
+    agent with redundant joints would fall relative to its tips, and the arms would fold.
+
+    Args:
+        agent: Nominal parameters of one agent.
+        p: Centroidal model of the agent.
+        requested: Inputs without limits.
+    """
+    missing = requested.u - jnp.minimum(requested.u, agent.thrust_max)
+    share = jnp.full(agent.tree.arms, 1 / agent.tree.arms)
+    if (closed := agent.closed_contacts) is not None:
+        share = closed / jnp.maximum(1.0, closed.sum())
+    Q = missing * (p.J_base[2] - (share[:, None] * p.J_tip[:, 2]).sum(0))
+    return dataclasses.replace(requested, tau=requested.tau + Q[:3], tau_r=requested.tau_r + Q[3:])
 
 
 def open_contact_feedback(

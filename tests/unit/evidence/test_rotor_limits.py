@@ -1,0 +1,35 @@
+"""Tests of the comparison of flights at rotor limits."""
+
+from __future__ import annotations
+
+import pytest
+
+from evidence import rotor_limits
+
+
+def flight(error: float | None, end: float = 12.0) -> dict:
+    return {"e_p_rms_m": error, "end_s": end, "attitude_deg": 1.0, "termination_reason": "" if error else "ended"}
+
+
+@pytest.mark.parametrize(
+    ("smaller", "larger", "worse"),
+    [
+        (flight(0.002), flight(0.001), False),
+        (flight(0.001), flight(0.00104), False),
+        (flight(0.001), flight(0.0011), True),
+        (flight(None, 5.0), flight(0.5), False),
+        (flight(0.5), flight(None, 11.0), True),
+        (flight(None, 5.0), flight(None, 6.0), False),
+        (flight(None, 6.0), flight(None, 5.0), True),
+    ],
+)
+def test_an_error_must_not_increase_with_the_limit(smaller, larger, worse):
+    assert rotor_limits.worse(smaller, larger) == worse
+    of = {"C1 30 301": smaller, "C1 31 301": larger, "C1 29.5 302": larger}
+    assert rotor_limits.increases(of, "C1") == (worse, 1)
+
+
+def test_a_coarse_grid_of_the_first_seed_comes_first():
+    items = rotor_limits.items()
+    assert items[:2] == ["C1 29 301", "C1 30 301"]
+    assert len(items) == len(set(items)) == 3 * (43 * 5 + 20)
