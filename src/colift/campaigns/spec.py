@@ -275,8 +275,17 @@ def _errors(spec: Campaign, tree: yaml_tree.Tree) -> Iterator[str]:
 
 def _repeated(values: Sequence[JsonValue]) -> list[str]:
     """Return the values that occur more than once, as text; 4 and 4.0 are equal."""
-    texts = [f"{value:g}" if type(value) is float and value.is_integer() else json.dumps(value) for value in values]
+    texts = [json.dumps(_with_whole_numbers(value), sort_keys=True) for value in values]
     return [text for text, number in Counter(texts).items() if number > 1]
+
+
+def _with_whole_numbers(value: JsonValue) -> JsonValue:
+    """Return a value with integers in place of whole floating-point numbers, also inside of lists and sections."""
+    if isinstance(value, list):
+        return [_with_whole_numbers(each) for each in value]
+    if isinstance(value, dict):
+        return {key: _with_whole_numbers(each) for key, each in value.items()}
+    return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 def _size_errors(spec: Campaign, tree: yaml_tree.Tree) -> Iterator[str]:

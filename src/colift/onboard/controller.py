@@ -334,10 +334,11 @@ class LeaderFollowerController:
             initialized=state.initialized,
             last_shortfall=state.last_shortfall,
         )
-        corrector = state.corrector
+        corrector, residual = state.corrector, None
         if self.residual_corrector is not None:
             observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
             correction, corrector = self.residual_corrector.update(corrector, observation, clock)
+            residual = jax.tree.map(jnp.add, observation.prediction, correction.error)
             context = dataclasses.replace(context, correction=correction)
         if health is not None:
             modelled = state.last_f_hat if context.correction is None else context.correction.prediction
@@ -359,7 +360,7 @@ class LeaderFollowerController:
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
-            last_f_hat=telemetry.f_hat if context.correction is None else context.correction.residual(),
+            last_f_hat=telemetry.f_hat if residual is None else residual,
             last_shortfall=telemetry.shortfall,
             initialized=jnp.ones(()),
             effectiveness=effectiveness,

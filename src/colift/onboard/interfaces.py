@@ -323,7 +323,8 @@ class Estimator(Protocol):
             measurement: Readings of this control period.
             applied: Inputs in effect since the previous control period: thrust [N], body torque [N m, body frame],
                 joint torques or forces [N m or N].
-            f_hat: Residual forces compensated in the previous control period; zero before the first one. They replace
+            f_hat: Residual forces compensated in the previous control period, with a corrector their estimate before
+                its extrapolation; zero before the first one. They replace
                 tip force readings that are missing.
             clock: Time and control period [s].
 

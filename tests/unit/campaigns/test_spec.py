@@ -40,6 +40,7 @@ MISTAKES = {
     "scenario: paper\nvary: {payload.mass_kg: 1.5}": (2, "vary payload.mass_kg", "a list of values", "got 1.5"),
     "scenario: paper\nvary: {payload.mass_kg: {low: 1, high: 2}}": (2, "grid, uniform, log_uniform or normal", "", ""),
     "scenario: paper\nvary: {control.K_p: [4, 4.0]}": (2, "vary control.K_p", "4 occurs twice", ""),
+    "scenario: paper\nvary: {control.K_p: [1000000, 1.0e+6]}": (2, "vary control.K_p", "1000000 occurs twice", ""),
     "scenario: paper\nseeds: [3, 3]": (2, "seeds", "3 occurs twice", ""),
     "scenario: paper\nseeds: [1, 2]\nsamples: 5": (3, "samples", "must be 1", "got 5"),
     f"scenario: paper\nsamples: {spec.MAX_FLIGHTS}": (2, "samples", "at most 1000000 flights", "got 3000000"),
@@ -92,6 +93,12 @@ def test_missing_and_special_files_are_refused(tmp_path: Path):
     for path in (tmp_path / "none.yaml", tmp_path):
         with pytest.raises(ScenarioError, match=f"^{path}: cannot be read"):
             spec.load_campaign(path)
+
+
+def test_different_values_are_not_repeated():
+    """Seven digits, and numbers inside of lists and sections."""
+    assert spec._repeated([1234567.0, 1234568.0, True, "1", 1, [4, 5], [5, 4], None]) == []
+    assert spec._repeated([[4], [4.0], {"a": 1}, {"a": 1.0}]) == ["[4]", '{"a": 1}']
 
 
 def test_overrides_reach_the_scenario(tmp_path: Path):

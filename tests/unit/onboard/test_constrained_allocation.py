@@ -202,3 +202,6 @@ def test_slack_of_moments_has_the_lever_about_its_axis():
     np.testing.assert_allclose(constrained_allocation._levers(narrow), expected, atol=1e-12)
     R = np.asarray(so3.exp(jnp.array([0.0, 0.0, 0.6])))
     np.testing.assert_allclose(constrained_allocation._levers(narrow @ R.T), R @ expected @ R.T, atol=1e-12)
+    upright = np.array([[1.0, 0, 0.1], [1, 0, -0.1], [-1, 0, 0.1], [-1, 0, -0.1]])
+    smallest = np.linalg.eigvalsh(constrained_allocation._levers(upright))[0]
+    np.testing.assert_allclose(smallest, constrained_allocation.MIN_LEVER_SHARE * np.sqrt(2))

@@ -115,6 +115,23 @@ def test_moment_labels_without_tip_readings(kind):
     assert informative >= 3
 
 
+def test_open_contacts_bear_no_reconstructed_force():
+    """The closed contact bears the whole force, and the label of the moments is exact; without contacts it is zero."""
+    _, agents = agents_at_random(STRUCTURES["two arms"], seed=8)
+    J_tip, R, _, _ = agents[0]
+    rng = np.random.default_rng(9)
+    force, e, y = rng.normal(size=3), rng.normal(size=J_tip.shape[-1]), rng.normal(size=J_tip.shape[-1])
+    closed = jnp.array([0.0, 1.0])
+    exact = np.asarray(J_tip[1].T @ (R.T @ force))
+    A_lam = jnp.asarray(np.concatenate([force, exact + e - y]))
+    for min_lever in (contact_forces.MIN_LEVER, contact_forces.LABEL_MIN_LEVER):
+        lam = contact_forces.reconstruct_contact_forces(J_tip, R, A_lam, min_lever, closed)
+        np.testing.assert_allclose(lam @ R.T, np.stack([np.zeros(3), force]), atol=1e-9)
+        np.testing.assert_allclose(contact_forces.contact_jacobian(J_tip) @ lam.reshape(-1), exact, atol=1e-9)
+        free = contact_forces.reconstruct_contact_forces(J_tip, R, A_lam, min_lever, jnp.zeros(2))
+        np.testing.assert_array_equal(free, 0.0)
+
+
 # Estimates without tip readings ---------------------------------------------------------------------------------------
 
 

@@ -46,11 +46,16 @@ DEVIATION_WEIGHT = 0.1
 """Weight of squared deviations from the preferred contact forces [1/N]."""
 LATERAL_WEIGHT = 100.0
 """Weight of an agent's squared sum of horizontal forces, relative to `DEVIATION_WEIGHT`."""
+MIN_LEVER_SHARE = 0.05
+"""Least ratio of the levers about the two horizontal axes.
+
+Vertical forces of contacts in one vertical plane have no moment about an axis in this plane, hence no lever.
+"""
 RATE_RANGE = 0.5
 """Slack, plus change of an agent's horizontal force, at which the rates of the command are no longer used [N].
 
-The rates are those of the command without limits. They serve the direction of the thrust, so they remain valid where
-only vertical or internal forces are changed by a limit.
+The rates are those of the command without limits. They serve the direction of the thrust, so they remain nearly valid
+where a limit changes only vertical or internal forces.
 """
 ACTIVE_TOLERANCE = 1e-2
 """Distance from a limit at which it is reported as active [N]."""
@@ -261,8 +266,9 @@ def _levers(c: np.ndarray) -> np.ndarray:
     """
     a = np.stack([c[:, 1], -c[:, 0]], axis=1)
     values, axes = np.linalg.eigh(2 * (a[:, :, None] * a[:, None]).mean(0))
+    levers = np.sqrt(np.maximum(values, 0.0))
     L = np.zeros((3, 3))
-    L[:2, :2] = axes @ np.diag(np.sqrt(values)) @ axes.T
+    L[:2, :2] = axes @ np.diag(np.maximum(levers, MIN_LEVER_SHARE * levers.max())) @ axes.T
     L[2, 2] = np.sqrt(np.square(a).sum(1).mean())
     return L
 

@@ -110,7 +110,7 @@ def with_torques_for_limited_thrust(
 ) -> AgentInput:
     """Return the requested thrust and torques, with torques for a thrust up to the limit of the agent.
 
-    The closed contacts share the missing thrust s, so that all accelerations remain those of the request::
+    The closed contacts share the thrust s above the limit, so that all accelerations remain those of the request::
 
         Q = Q_requested + s (J_base - mean_b J_b)^T e_3
 

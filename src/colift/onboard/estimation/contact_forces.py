@@ -44,7 +44,7 @@ Moments of contact forces with a smaller lever determine no difference between t
 LABEL_MIN_LEVER = 1e-4
 """The same for labels of moments without tip readings: combinations of moments with a smaller lever are labels [m].
 
-Contact forces with a larger lever change the other combinations, which have no label.
+The labels of the other combinations, which depend on the differences between the arms, are the estimate.
 """
 
 
@@ -91,7 +91,7 @@ class TeamBalance:
         agents: Equations of motion of the agents, by group.
         payload: Equations of motion of the payload.
         reading_age: Age of the tip force readings [s].
-        f_hat: Residual forces compensated in the previous control period.
+        f_hat: Estimate of the residual forces in the previous control period.
     """
 
     agents: tuple[AgentBalance, ...]
@@ -139,11 +139,11 @@ class ContactForceEstimator(Protocol):
 class TipSensors:
     """Contact forces from tip force sensors.
 
-    If the readings are too old, contact forces follow from the agents' equations of motion with their compensated
+    If the readings are too old, contact forces follow from the agents' equations of motion with the estimates of their
     residuals (`reconstruct_contact_forces`). Labels of forces do not exist then. Labels of moments do, because the
     moments of an agent have more equations than its contact forces have differences. With ``P`` the projection on
-    moments of these differences ``d``, ``(I - P) (y + J lam)`` depends on the mean contact force alone. The other part
-    ``P f_hat`` of the label is the compensated residual, so that it causes no innovation.
+    moments of these differences, ``(I - P) (y + J lam)`` depends on the mean contact force alone. The other part
+    ``P f_hat`` of the label is the estimate of the previous period, which causes almost no innovation.
 
     Attributes:
         max_reading_age: Largest age of a tip reading that is used [s].
@@ -154,12 +154,13 @@ class TipSensors:
     def estimate(self, team: Team, balance: TeamBalance) -> ContactForces:
         """Return the readings, or the reconstructed forces; see `ContactForceEstimator`."""
         valid = (balance.reading_age <= self.max_reading_age + 1e-9).astype(float)
-        reconstruct = jax.vmap(reconstruct_contact_forces, in_axes=(0, 0, 0, None))
+        reconstruct = jax.vmap(reconstruct_contact_forces, in_axes=(0, 0, 0, None, 0))
         lam, moment_labels = [], []
-        for each, f in zip(balance.agents, balance.f_hat.agents, strict=True):
-            A_lam = flatten_agent_force(f) - each.y
+        for group, each, f in zip(team.agent_groups, balance.agents, balance.f_hat.agents, strict=True):
+            A_lam, closed = flatten_agent_force(f) - each.y, group.closed_contacts
             for forces, min_lever in ((lam, MIN_LEVER), (moment_labels, LABEL_MIN_LEVER)):
-                forces.append(jnp.where(valid > 0, each.measured, reconstruct(each.J_tip, each.R, A_lam, min_lever)))
+                reconstructed = reconstruct(each.J_tip, each.R, A_lam, min_lever, closed)
+                forces.append(jnp.where(valid > 0, each.measured, reconstructed))
         return ContactForces(base_frame=tuple(lam), valid=valid, moment_labels=tuple(moment_labels))
 
 
@@ -271,6 +272,7 @@ def reconstruct_contact_forces(
     R: Float[Array, "3 3"],
     A_lam: Float[Array, "outputs"],
     min_lever: float = MIN_LEVER,
+    closed: Float[Array, "arms"] | None = None,
 ) -> Float[Array, "arms 3"]:
     """Compute the contact forces that agree with the equations of motion of an agent.
 
@@ -285,16 +287,22 @@ def reconstruct_contact_forces(
         A_lam: Generalized contact force ``f_hat - modelled``: force [N, world], then moments [N m, base frame] and
             joint torques or forces [N m or N].
         min_lever: Lever below which the moments determine no difference between the arms [m].
+        closed: 1 for closed contacts, 0 for open ones, whose forces are zero; None if all are closed.
 
     Returns:
         Contact forces on the payload [N, base frame].
     """
     arms = len(J_tip)
-    lam = jnp.tile(R.T @ A_lam[:3] / arms, (arms, 1))
+    share = jnp.full(arms, 1 / arms) if closed is None else closed / jnp.maximum(1.0, closed.sum())
+    lam = share[:, None] * (R.T @ A_lam[:3])
     if arms == 1:
         return lam
     J = contact_jacobian(J_tip)
-    B = J - jnp.tile(J.reshape(-1, arms, 3).mean(1), arms)  # of the differences between the arms
+    mean = (J.reshape(-1, arms, 3) * share[:, None]).sum(1)
+    B = J - jnp.tile(mean, arms)  # of the differences between the arms
+    if closed is not None:
+        B = B * jnp.repeat(closed, 3)
     moments = A_lam[3:] - J @ lam.reshape(-1)
     difference = linalg.solve(B.T @ B + min_lever**2 * jnp.eye(3 * arms), (B.T @ moments)[:, None]).reshape(arms, 3)
-    return lam + difference - difference.mean(0, keepdims=True)  # the mean is zero up to rounding
+    common = share @ difference  # zero up to rounding
+    return lam + difference - (common if closed is None else closed[:, None] * common)

@@ -176,7 +176,7 @@ class TrainingSample:
     payload: tuple[Float[Array, "24"], Float[Array, "6"]]  # input; label, N world and N m payload frame
     agents: tuple[tuple[Float[Array, "agents inputs"], Float[Array, "agents outputs"]], ...]  # the same, by group
     unfiltered: tuple[Float[Array, "6"], tuple[Float[Array, "agents outputs"], ...]]  # labels before the label filter
-    valid: Float[Array, ""]  # 1 if agents have labels, and the sample is for training
+    valid: Float[Array, ""]  # 1 if all labels of agents exist, and the sample is for training
     sample_interval: Float[Array, ""]  # s, since the previous period with valid = 1
 
 

@@ -86,7 +86,8 @@ def observe(
 def by_output(team: Team, value: Scalar, with_tips: Scalar) -> ResidualForces:
     """Return one value for outputs whose labels require tip readings, and another one for all other outputs.
 
-    Labels of the agents' forces require tip readings. If contacts bear moments, all labels of their agents do.
+    Labels of the agents' forces require tip readings. If contacts bear moments, labels of the payload moment and all
+    labels of these agents do.
 
     Args:
         team: Nominal parameters.
@@ -98,7 +99,10 @@ def by_output(team: Team, value: Scalar, with_tips: Scalar) -> ResidualForces:
     for group, f in zip(team.agent_groups, filled.agents, strict=True):
         required = jax.tree.map(lambda x: jnp.full_like(x, with_tips), f)
         agents.append(dataclasses.replace(f, f_x=required.f_x) if group.moment_axis is None else required)
-    return dataclasses.replace(filled, agents=tuple(agents))
+    payload = filled.payload
+    if any(group.moment_axis is not None for group in team.agent_groups):
+        payload = dataclasses.replace(payload, tau=jnp.full_like(payload.tau, with_tips))
+    return dataclasses.replace(filled, payload=payload, agents=tuple(agents))
 
 
 @pytree
@@ -126,10 +130,6 @@ class ResidualCorrection:
     prediction: ResidualForces
     label_valid: Scalar
     nis: Scalar
-
-    def residual(self) -> ResidualForces:
-        """Return the estimate ``f_hat + d`` of the residual [N, N m]."""
-        return jax.tree.map(jnp.add, self.prediction, self.error)
 
 
 def zero_correction(like: ResidualForces, t: Scalar) -> ResidualCorrection:
