@@ -294,15 +294,15 @@ def reconstruct_contact_forces(
     """
     arms = len(J_tip)
     share = jnp.full(arms, 1 / arms) if closed is None else closed / jnp.maximum(1.0, closed.sum())
-    lam = share[:, None] * (R.T @ A_lam[:3])
+    lam = share[:, None] * (R.T @ A_lam[:3])[None]
     if arms == 1:
         return lam
     J = contact_jacobian(J_tip)
-    mean = (J.reshape(-1, arms, 3) * share[:, None]).sum(1)
+    mean = (J.reshape(-1, arms, 3) * share[None, :, None]).sum(1)
     B = J - jnp.tile(mean, arms)  # of the differences between the arms
     if closed is not None:
-        B = B * jnp.repeat(closed, 3)
+        B = B * jnp.repeat(closed, 3)[None]
     moments = A_lam[3:] - J @ lam.reshape(-1)
     difference = linalg.solve(B.T @ B + min_lever**2 * jnp.eye(3 * arms), (B.T @ moments)[:, None]).reshape(arms, 3)
-    common = share @ difference  # zero up to rounding
+    common = (share @ difference)[None]  # zero up to rounding
     return lam + difference - (common if closed is None else closed[:, None] * common)
