@@ -199,6 +199,23 @@ def random_targets() -> str:
     return targets(importlib.import_module("evidence.react").targets(items("react")))
 
 
+@table("react")
+def random_miscoverage() -> str:
+    """Mean miscoverage of `adaptive` by the kind of labels, with its standard error."""
+    rows = []
+    for name, kind in (("in every period", 0), ("with dropouts", 1), ("lost at 16 s", 2)):
+        shares = [one["adaptive"]["miscoverage"] for one in items("react").values() if _label_kind(one) == kind]
+        each = (np.array([share[span] for share in shares]) for span in ("second_half", "after_change"))
+        rows.append((name, len(shares), *(f"{x.mean():.3f} ± {x.std() / np.sqrt(len(x)):.3f}" for x in each)))
+    return markdown(("tip readings", "n", "second half", "within 1 s after a change"), rows)
+
+
+def _label_kind(one: dict[str, Any]) -> int:
+    """Return 0 for tip readings in every period, 1 for dropouts, 2 for a failure."""
+    sample = one["sample"]
+    return 2 if sample["label_failure_time_s"] is not None else int(sample["dropout_probability"] > 0)
+
+
 @table("other_teams")
 def other_teams_targets() -> str:
     """Targets of `adaptive` in random environments of other teams."""
