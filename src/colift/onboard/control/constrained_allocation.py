@@ -9,8 +9,8 @@ Each control period solves one cone program in the contact forces `lam`, in the 
 - slack `S (acc - acc_cmd)` [N] with mass and inertia of the team, the moment divided by the contacts' lever about its
   axis, with penalties for roll and pitch, then yaw, then z, then x and y.
 
-Deviations from the preferred distribution `lam_0 = G^+ W + Z eta` cost little. The sum of an agent's horizontal contact
-forces costs a hundred times more, because it tilts the agent.
+Deviations from the preferred distribution `lam_0 = G^+ W + Z eta` cost little. The sum of an agent's contact forces in
+the xy plane of the payload costs a hundred times more, because it tilts the agent of a level payload.
 
 See Also:
     colift.onboard.control.cone_program: the program and its solver.
@@ -45,7 +45,7 @@ Scalar = Float[Array, ""]
 DEVIATION_WEIGHT = 0.1
 """Weight of squared deviations from the preferred contact forces [1/N]."""
 LATERAL_WEIGHT = 100.0
-"""Weight of an agent's squared sum of horizontal forces, relative to `DEVIATION_WEIGHT`."""
+"""Weight of an agent's squared sum of forces in the xy plane of the payload, relative to `DEVIATION_WEIGHT`."""
 MIN_LEVER_SHARE = 0.05
 """Least ratio of the levers about the two horizontal axes.
 
@@ -128,8 +128,8 @@ class ConstrainedAllocator:
         solution = cone_program.solve(self.program, x_0, b, sets, R[2], state)
         lam = solution.x.reshape(-1, 3)
         acc = matvec(self.acceleration_map, solution.x) + acc_0
-        change = grasp.split_contacts(context.team, lam - x_0.reshape(-1, 3))
-        horizontal = jnp.concatenate([part.sum(1)[:, :2] for part in change])
+        change = grasp.split_contacts(context.team, lam @ R.T - preferred.lam)
+        horizontal = jnp.concatenate([part.sum(1)[:, :2] for part in change])  # world frame
         moved = jnp.abs(horizontal).max() + jnp.abs(solution.v[-6:]).max()
         share = jnp.maximum(0.0, 1 - moved / RATE_RANGE)
         command = ContactForceCommand(
