@@ -14,7 +14,20 @@ from typing import Any
 
 import numpy as np
 
-NAMES = ("one_team", "batch", "growth", "cold_start", "gpu", "roofline", "gp", "flight", "study", "parts")
+NAMES = (
+    "one_team",
+    "work_precision",
+    "batch",
+    "simulators",
+    "growth",
+    "cold_start",
+    "gpu",
+    "roofline",
+    "gp",
+    "flight",
+    "study",
+    "parts",
+)
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,23 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from benchmarks import NAMES, Outcome
+from benchmarks import NAMES, Outcome, status
 
 HERE = Path(__file__).parent
-PACKAGES = ("colift", "jax", "jaxlib", "numpy", "scipy", "mujoco", "pin", "scikit-learn", "gpytorch", "torch")
+PACKAGES = (
+    "colift",
+    "jax",
+    "jaxlib",
+    "numpy",
+    "scipy",
+    "mujoco",
+    "pin",
+    "scikit-learn",
+    "gpytorch",
+    "torch",
+    "mujoco-mjx",
+    "rotorpy",
+)
 
 
 def title(name: str) -> str:
@@ -76,7 +89,7 @@ def record(name: str, outcome: Outcome, seconds: float, took: float, folder: Pat
 
 
 def main(arguments: list[str]) -> int:
-    listing = "\n".join(f"  {name:<12} {title(name)}" for name in NAMES)
+    listing = "\n".join(f"  {name:<14} {title(name)}" for name in NAMES)
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
         description="Measure against peers: ratios in one run, and one JSON file a benchmark.",
@@ -85,6 +98,7 @@ def main(arguments: list[str]) -> int:
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help="all of them if none is named")
     parser.add_argument("--list", action="store_true", help="list the benchmarks and stop")
+    parser.add_argument("--status", action="store_true", help="print which results are behind and stop")
     parser.add_argument("--seconds", type=float, default=4.0, help="time for each comparison, s (default 4)")
     parser.add_argument("--results", type=Path, default=HERE / "results", help="folder for the JSON files")
     options = parser.parse_args(arguments)
@@ -94,6 +108,8 @@ def main(arguments: list[str]) -> int:
     if options.list:
         print(listing)
         return 0
+    if options.status:
+        return status.main(options.results)
     missed = []
     for name in options.names or NAMES:
         print(f"== {name}: {title(name)}", flush=True)
@@ -117,8 +133,8 @@ if __name__ == "__main__":
         os.environ["XDG_CACHE_HOME"] = cache
         os.environ.pop("JAX_COMPILATION_CACHE_DIR", None)
         try:
-            status = main(sys.argv[1:])
+            exit_status = main(sys.argv[1:])
         except KeyboardInterrupt:
             print("interrupted; the benchmarks that had ended have their files", file=sys.stderr)
-            status = 130
-    sys.exit(status)
+            exit_status = 130
+    sys.exit(exit_status)

@@ -1,7 +1,7 @@
-"""Batches: 1024 teams with different masses and states on two threads; steps per second compared with `mujoco.rollout`.
+"""Batches: 1024 teams with different masses and states; steps per second compared with `mujoco.rollout`.
 
 Each copy of the reference team has random masses (0.9 to 1.1 times the nominal ones) and velocities that are consistent
-with its grasp. Times are wall-clock seconds; the code is compiled once.
+with its grasp. Times are wall-clock seconds, with two threads and with one; the code is compiled once.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ def run(seconds: float) -> Outcome:
     case = plant.supported_team(2)
     varied = teams(case)
     leaves, tree = jax.tree.flatten(varied)
-    ours = codegen.compile(
-        lambda *x: jax.tree.leaves(plant.rollout(STEPS)(*jax.tree.unflatten(tree, x), jnp.array(plant.DT))),
-        threads=THREADS,
-    )
-    ours = jax.jit(jax.vmap(ours))
+
+    def rollout(*x: jax.Array) -> list[jax.Array]:
+        return jax.tree.leaves(plant.rollout(STEPS)(*jax.tree.unflatten(tree, x), jnp.array(plant.DT)))
+
+    ours = {n: jax.jit(jax.vmap(codegen.compile(rollout, threads=n))) for n in (1, THREADS)}
 
     model = peers.mujoco_team(case[0])
     data = peers.mujoco_state(model, case)  # the pose before masses changed: contact speeds off by 3e-4 m/s
@@ -58,20 +58,27 @@ def run(seconds: float) -> Outcome:
         states.append(state)
     start, control = np.array(states), np.tile(data.ctrl, (TEAMS, STEPS, 1))
     workers = [mujoco.MjData(model) for _ in range(THREADS)]
-    with mujoco.rollout.Rollout(nthread=THREADS) as peer:
+    with mujoco.rollout.Rollout(nthread=THREADS) as peer, mujoco.rollout.Rollout(nthread=1) as single:
         contenders = {
-            "native": (lambda: jax.block_until_ready(ours(*leaves)), TEAMS * STEPS),
+            "native": (lambda: jax.block_until_ready(ours[THREADS](*leaves)), TEAMS * STEPS),
             "mujoco.rollout": (lambda: peer.rollout(models, workers, start, control), TEAMS * STEPS),
+            "native, one thread": (lambda: jax.block_until_ready(ours[1](*leaves)), TEAMS * STEPS),
+            "mujoco.rollout, one thread": (
+                lambda: single.rollout(models, workers[:1], start, control),
+                TEAMS * STEPS,
+            ),
         }
         times = rounds(contenders, seconds)
-    table(f"wall-clock time, {TEAMS} teams on {THREADS} threads", "a step and team", times, "native")
+    table(f"wall-clock time, {TEAMS} teams on {THREADS} threads and on one", "a step and team", times, "native")
     ratio = ratios(times, "native")["mujoco.rollout"]
+    one_thread = ratios(times, "native, one thread")["mujoco.rollout, one thread"]
     return Outcome(
         figures={
             "time_per_step_and_team_us": microseconds(times),
             "ratio_to_native": ratios(times, "native"),
             "steps_per_second": {name: 1e6 / t for name, t in microseconds(times).items()},
             "threads": THREADS,
+            "ratio_with_one_thread": one_thread,
         },
         targets={f"native {ratio:.1f}x mujoco.rollout, at least 15x": ratio >= 15},
     )

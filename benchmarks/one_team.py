@@ -3,8 +3,8 @@
 RK4 steps per CPU second and drift compared with MuJoCo and Pinocchio. The reference team (two agents with two arms and
 three joints: 24 velocities, 12 constraints) starts at rest under hover inputs plus a small change, with steps of 1 ms.
 A step of colift is RK4 and the projection onto the grasp; all team parameters are arguments and not constants of the
-code. MuJoCo uses its RK4 with `connect` constraints at default stiffness. Pinocchio's time is four calls of its
-constrained forward dynamics from Python, without an update of the state.
+code. MuJoCo uses its RK4, Euler and implicitfast integrators with `connect` constraints at default stiffness.
+Pinocchio's time is four calls of its constrained forward dynamics from Python, without an update of the state.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def run(seconds: float) -> Outcome:
     data = peers.mujoco_state(model, case)
     start = np.concatenate([data.qpos, data.qvel])
 
-    def by_mujoco() -> None:
+    def by_mujoco(integrator: str = "RK4") -> None:
+        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")  # ty: ignore[missing-attribute]
         data.qpos, data.qvel, data.time = start[: model.nq], start[model.nq :], 0.0
         mujoco.mj_step(model, data, STEPS)
 
@@ -50,6 +51,8 @@ def run(seconds: float) -> Outcome:
         "native step in an XLA loop": (lambda: jax.block_until_ready(looped(*args)), STEPS),
         "JAX": (lambda: jax.block_until_ready(by_jax(*args)), STEPS),
         "MuJoCo RK4": (by_mujoco, STEPS),
+        "MuJoCo Euler": (lambda: by_mujoco("EULER"), STEPS),
+        "MuJoCo implicitfast": (lambda: by_mujoco("IMPLICITFAST"), STEPS),
         "Pinocchio, 4 evaluations": (lambda: [evaluations() for _ in range(50)], 50),
     }
     times = rounds(contenders, seconds, time.process_time)

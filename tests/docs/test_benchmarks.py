@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from benchmarks import NAMES, Outcome, __main__, cold_start, gpu, roofline
+from benchmarks import NAMES, Outcome, __main__, cold_start, gpu, roofline, status, work_precision
 
 
 def test_list_has_every_benchmark_with_its_summary(capsys):
     assert __main__.main(["--list"]) == 0
     listed = capsys.readouterr().out
     for name in NAMES:
-        assert f"{name:<12} {__main__.title(name)}" in listed
+        assert f"{name:<14} {__main__.title(name)}" in listed
         assert len(__main__.title(name)) > 20
 
 
@@ -72,3 +72,39 @@ def test_operation_count_includes_loops():
 
     counted = roofline.operations(f, jnp.array(2.0))
     assert counted == {"mul": 5, "add": 5, "div": 1, "sub": 1, "sincos": 1}
+
+
+def test_stored_results_are_current():
+    """`./dev bench NAME` on the machine of the other results computes a result anew."""
+    assert {name: reasons for name, reasons in status.reasons_behind().items() if reasons} == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"machine": "another"}, "machine another instead of "),
+        ({"versions": {"colift": "0.0.1"}}, "colift 0.0.1 instead of "),
+        ({"versions": {"jax": "0.1"}}, "jax 0.1 instead of "),
+        ({"files": {"benchmarks/one_team.py": "0" * 40}}, "benchmarks/one_team.py changed"),
+        (None, "no result"),
+    ],
+)
+def test_result_behind_is_named_with_reason(change, reason, tmp_path, capsys):
+    for path in status.RESULTS.glob("*.json"):
+        content = json.loads(path.read_text())
+        if path.stem == "one_team":
+            if change is None:
+                continue
+            content |= change
+        (tmp_path / path.name).write_text(json.dumps(content))
+    assert any(text.startswith(reason) for text in status.reasons_behind(tmp_path)["one_team"])
+    assert __main__.main(["--status", "--results", str(tmp_path)]) == 1
+    assert reason in capsys.readouterr().out
+
+
+def test_time_at_error_interpolates_logarithms():
+    points = [{"error_m": 1e-4, "cpu_us_per_s": 10.0}, {"error_m": 1e-8, "cpu_us_per_s": 1000.0}]
+    assert work_precision.time_at({"a": points}, "a", 1e-6) == pytest.approx(100.0)
+    assert work_precision.time_at({"a": points}, "a", 1e-10) == pytest.approx(1e4)
+    floor = [{"error_m": 2e-3, "cpu_us_per_s": 1.0}, {"error_m": 2e-3, "cpu_us_per_s": 2.0}]
+    assert work_precision.time_at({"a": points, "a b": floor}, "a", 1e-6) == pytest.approx(100.0)

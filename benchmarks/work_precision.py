@@ -1,0 +1,134 @@
+"""Work-precision diagram: CPU time of a simulated second over the error of the payload position, against MuJoCo.
+
+The motion is that of `one_team`: the reference team with hover inputs and a small change. The reference solution is that
+of colift with steps of 31 us. Half as many steps change it by less than 1e-13 m. The error is the distance of the payload
+from it after 0.5 s. Steps of colift are RK4 with the projection onto the grasp.
+
+MuJoCo has three integrators and two softnesses of its `connect` constraints: its default, and the stiffest that it
+permits, with an impedance of 0.9999 and a time constant of two steps. Its error with the default does not decrease with
+the step. With the stiffest constraints it converges to the same reference solution.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from benchmarks import Outcome, peers, plant
+from colift import codegen
+from colift.models import mjcf
+
+DURATION = 0.5  # s
+REFERENCE_STEPS = 16000
+COLIFT_STEPS = (5, 10, 20, 50, 100, 250, 500)
+MUJOCO_STEPS = (62, 125, 250, 500, 1000, 2000, 4000)  # 8 ms to 0.125 ms
+INTEGRATORS = ("RK4", "EULER", "IMPLICITFAST")
+ERRORS = (1e-7, 1e-9)  # m, at which times are compared
+OWN_STEP = 500  # steps of 1 ms
+REPEATS = 3
+
+
+def run(seconds: float) -> Outcome:
+    """Measure all series; the fastest of some repetitions counts."""
+    del seconds  # each series lasts as long as it lasts
+    team, z, (inputs,) = plant.hover(2)
+    nudge = jnp.array([[0.02, 0.05, 0.01], [0.0, 0.03, -0.01]])  # N m, as in `one_team`
+    case = team, z, (replace(inputs, tau=inputs.tau + nudge),)
+    reference, coarser = (colift_end(case, steps)() for steps in (REFERENCE_STEPS, REFERENCE_STEPS // 2))
+    series = {"colift": [point(colift_end(case, n), n, reference) for n in COLIFT_STEPS]}
+    for name in INTEGRATORS:
+        for softness in ("default", "stiff"):
+            series[f"MuJoCo {name}, {softness}"] = [
+                point(mujoco_end(case, name, softness, n), n, reference) for n in MUJOCO_STEPS
+            ]
+    for name, points in series.items():
+        print(name)
+        for one in points:
+            print(f"  step {one['step_s']:.2e} s  error {one['error_m']:.2e} m  {one['cpu_us_per_s']:.4g} us a second")
+    ratios = {f"{error:g} m": time_at(series, "MuJoCo", error) / time_at(series, "colift", error) for error in ERRORS}
+    same_step = {
+        name: next(one for one in points if one["steps"] == OWN_STEP)["cpu_us_per_s"]
+        / next(one for one in series["colift"] if one["steps"] == OWN_STEP)["cpu_us_per_s"]
+        for name, points in series.items()
+    }
+    for name, ratio in ratios.items():
+        print(f"at an error of {name}: MuJoCo takes {ratio:.3g} times as long")
+    print("at a step of 1 ms: " + ", ".join(f"{name} {ratio:.3g}" for name, ratio in same_step.items()))
+    return Outcome(
+        figures={
+            "series": series,
+            "reference_difference_m": float(np.linalg.norm(reference - coarser)),
+            "time_ratio_at_error": ratios,
+            "time_ratio_at_step_of_1_ms": same_step,
+        }
+    )
+
+
+def colift_end(case: plant.Case, steps: int) -> Callable[[], np.ndarray]:
+    """Return a function that simulates the motion with colift and returns the payload position at the end [m]."""
+    compiled = jax.jit(codegen.compile(plant.rollout(steps), threads=1))
+    args = (*case, jnp.array(DURATION / steps))
+    return lambda: np.asarray(jax.block_until_ready(compiled(*args)).payload.p)
+
+
+def mujoco_end(case: plant.Case, integrator: str, softness: str, steps: int) -> Callable[[], np.ndarray]:
+    """Return the same function of MuJoCo."""
+    model = peers.mujoco_team(case[0])
+    data = peers.mujoco_state(model, case)
+    model.opt.timestep = DURATION / steps
+    model.opt.tolerance = 1e-14
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")  # ty: ignore[missing-attribute]
+    if softness == "stiff":
+        stiffest = mjcf.stiffest_contact(model.opt.timestep)
+        model.eq_solref[:] = [stiffest.time_constant, 1.0]
+        model.eq_solimp[:, :2] = stiffest.impedance
+    start = data.qpos.copy()
+
+    def end() -> np.ndarray:
+        data.qpos, data.qvel, data.time = start, 0.0, 0.0
+        mujoco.mj_step(model, data, steps)
+        return data.qpos[-7:-4].copy()
+
+    return end
+
+
+def point(end: Callable[[], np.ndarray], steps: int, reference: np.ndarray) -> dict[str, float]:
+    """Return the error and the CPU time of a simulated second; the first call is not measured."""
+    error, times = float(np.linalg.norm(end() - reference)), []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        end()
+        times.append(time.process_time() - start)
+    return {
+        "steps": steps,
+        "step_s": DURATION / steps,
+        "error_m": error,
+        "cpu_us_per_s": 1e6 * min(times) / DURATION,
+    }
+
+
+def time_at(series: dict[str, Sequence[dict[str, Any]]], name: str, error: float) -> float:
+    """Return the CPU time of the fastest series of a program at an error, interpolated between logarithms.
+
+    Values beyond the last point continue the line of the last two.
+    """
+    found = []
+    for one, points in series.items():
+        if not one.startswith(name):
+            continue
+        x, y = (np.log([p[key] for p in points]) for key in ("error_m", "cpu_us_per_s"))
+        after = next((i for i in range(1, len(x)) if x[i] <= np.log(error)), None)
+        if after is None:  # not reached: by the last two points, if they converge
+            after = len(x) - 1
+            if x[after] > x[after - 1] - np.log(1.5):
+                continue
+        slope = (y[after] - y[after - 1]) / (x[after] - x[after - 1])
+        found.append(float(np.exp(y[after] + slope * (np.log(error) - x[after]))))
+    return min(found)
