@@ -4,8 +4,8 @@
 - RotorPy simulates one multirotor with motor lag and drag, without arms, payload and contacts, in the same step. By
   default it integrates with the adaptive method RK45 of SciPy; the second row has one step of this method.
 
-The native steps are RK4 with the projection onto the grasp, for one team, and 64 teams in one thread. A batch of teams in
-MJX is not measured: its compiled program did not end within five minutes on two cores.
+The native steps are RK4 with the projection onto the grasp, for one team, and 64 teams in one thread. A batch of teams
+in MJX is not measured: its compiled program did not end within five minutes on two cores.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Work-precision diagram: CPU time of a simulated second over the error of the payload position, against MuJoCo.
 
-The motion is that of `one_team`: the reference team with hover inputs and a small change. The reference solution is that
-of colift with steps of 31 us. Half as many steps change it by less than 1e-13 m. The error is the distance of the payload
-from it after 0.5 s. Steps of colift are RK4 with the projection onto the grasp.
+The motion is that of `one_team`: the reference team with hover inputs and a small change. The reference solution is
+that of colift with steps of 31 us. Half as many steps change it by less than 1e-13 m. The error is the distance of the
+payload from it after 0.5 s. Steps of colift are RK4 with the projection onto the grasp.
 
 MuJoCo has three integrators and two softnesses of its `connect` constraints: its default, and the stiffest that it
 permits, with an impedance of 0.9999 and a time constant of two steps. Its error with the default does not decrease with
