@@ -1,10 +1,10 @@
 """Draw the figures of the documentation: `python docs/figures.py OUT [NAME ...]`.
 
 OUT holds the flights. A folder of `FLIGHTS` that is missing there is computed by its command, which takes some minutes.
-The figures of `./dev evidence` are drawn from the stored results. `playback.png` requires Chromium. The pictures of the
-notebook gallery are the first figures of the executed notebooks, so they require `./dev docs` before. Without NAME all
-figures are drawn. `limits` also writes the tables of `docs/limits.md`. `team.svg`, `loop.svg` and `labels.svg` are
-sources.
+The figures of `./dev evidence` and `./dev bench` are drawn from the stored results. `playback.png` requires Chromium.
+The pictures of the notebook gallery are the first figures of the executed notebooks, so they require `./dev docs`
+before. Without NAME all figures are drawn. `limits` also writes the tables of `docs/limits.md`. `team.svg`, `loop.svg`
+and `labels.svg` are sources.
 """
 
 import base64
@@ -23,11 +23,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from matplotlib.figure import Figure
 from PIL import Image
 
 from colift.closed_loop import log
 from colift.scenario.cases import ALL_CASES
-from colift.visualization import axes, playback, rendering, seed_figures
+from colift.visualization import axes, playback, rendering, seed_figures, style
 
 ROOT = Path(__file__).parents[1]
 HERE = ROOT / "docs" / "figures"
@@ -124,6 +125,24 @@ def write_small(picture: Image.Image, name: str, pixels: int) -> None:
     picture.quantize(64, dither=Image.Dither.NONE).save(HERE / f"{name}.png", optimize=True)
 
 
+def work_precision(out: Path) -> None:
+    """Draw CPU time over error of colift and MuJoCo from the stored benchmark."""
+    series = importlib.import_module("benchmarks.status").stored()["work_precision"]["figures"]["series"]
+    with style.style_context():
+        figure = Figure(figsize=(style.PAGE_WIDTH, 3.4))
+        ax = figure.subplots()
+        for name, points in series.items():
+            dashes, marker = ("-", "o") if name == "colift" else ("-" if "stiff" in name else ":", "s")
+            error, ms = [one["error_m"] for one in points], [1e-3 * one["cpu_us_per_s"] for one in points]
+            ax.loglog(error, ms, dashes, marker=marker, markersize=3, label=name)
+        ax.set_xlabel("error of the payload position after 0.5 s [m]")
+        ax.set_ylabel("CPU time of a simulated second [ms]")
+        ax.grid(alpha=0.3)
+        ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5))
+        (picture,) = (path for path in style.save_figure(figure, out / "work_precision") if path.suffix == ".png")
+    shutil.copy(picture, HERE)
+
+
 def film(out: Path) -> None:
     """Draw the film of the start page."""
     logs = {case: log.load(flights(out, "study") / f"{case}.nc") for case in ("C1", "C3")}
@@ -156,6 +175,7 @@ DRAW: dict[str, Callable[[Path], None]] = {
     **{name: functools.partial(copied, name) for name in COPIED},
     **{name: functools.partial(stored, name) for name in ("campaign", "corollary", "curve")},
     "study_seeds": seeds,
+    "work_precision": work_precision,
     "limits": limits,
     "flight": film,
     "playback": page,

@@ -1,4 +1,4 @@
-"""Tables of the results pages, generated from `evidence/results`.
+"""Tables of the results pages, generated from `evidence/results` and `benchmarks/results`.
 
 A page contains the marker ``<!-- table: NAME -->``; the documentation build replaces it by the table of that name. The
 name begins with the results that the table uses, as in ``certified+rivals.tightness``, so that
@@ -191,7 +191,8 @@ def render(name: str) -> str:
     try:
         return TABLES[name]()
     except MissingResult as missing:
-        return f"There is no result for the present code. `./dev evidence {missing}` computes it."
+        command = "bench" if results == "benchmarks" else "evidence"
+        return f"There is no result for the present code. `./dev {command} {missing}` computes it."
 
 
 def fill(page: str, keep: bool = False) -> str:
@@ -237,4 +238,4 @@ def main(arguments: Sequence[str]) -> int:
     return 1 if check and stale else 0
 
 
-from results_tables import certificate, learning, plant, robustness, summary, teams  # noqa: E402, F401
+from results_tables import benchmarks, certificate, learning, plant, robustness, summary, teams  # noqa: E402, F401
