@@ -185,11 +185,11 @@ def parts() -> str:
 def gaussian_processes() -> str:
     """Times of the GP core and of its peers."""
     found = _figures("gp")
+    groups = {operation: of for operation, of in found.items() if isinstance(of, dict)}
     sized = [
-        (operation, n, of) for operation, sizes in found.items() if isinstance(sizes, dict) for n, of in sizes.items()
+        (operation, n, of) for operation, sizes in groups.items() if "median_ms" not in sizes for n, of in sizes.items()
     ]
-    sized = [one for one in sized if isinstance(one[2], dict) and "median_ms" in one[2]]
-    sized += [(operation, "500", of) for operation, of in found.items() if isinstance(of, dict) and "median_ms" in of]
+    sized += [(operation, None, of) for operation, of in groups.items() if "median_ms" in of]
     rows = [
         (operation, n, name, ms, of["ratio_to_colift"][name], of["time_over_roofline"][name])
         for operation, n, of in sized

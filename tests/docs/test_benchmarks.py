@@ -75,7 +75,7 @@ def test_operation_count_includes_loops():
 
 
 def test_stored_results_are_current():
-    """`./dev bench NAME` on the machine of the other results computes a result anew."""
+    """`./dev bench NAME` on the machine of the other results computes a result again."""
     assert {name: reasons for name, reasons in status.reasons_behind().items() if reasons} == {}
 
 
