@@ -238,4 +238,4 @@ def main(arguments: Sequence[str]) -> int:
     return 1 if check and stale else 0
 
 
-from results_tables import benchmarks, certificate, learning, plant, robustness, summary, teams  # noqa: E402, F401
+from results_tables import certificate, learning, performance, plant, robustness, summary, teams  # noqa: E402, F401
