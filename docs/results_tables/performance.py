@@ -32,7 +32,7 @@ def _figures(name: str) -> dict[str, Any]:
 
 @table("benchmarks")
 def conditions() -> str:
-    """Date, commit, machine, load and command of every result."""
+    """Date, commit, machine, load and command of every result with values."""
     rows = [
         (
             f"`{name}`",
@@ -44,7 +44,7 @@ def conditions() -> str:
             "; ".join(of["omitted"]) or None,
         )
         for name in NAMES
-        if (of := _results().get(name))
+        if (of := _results().get(name)) and of["figures"]
     ]
     return markdown(("benchmark", "date", "commit", "machine", "load", "command", "omitted"), rows)
 
