@@ -35,7 +35,11 @@ def limits_fractions() -> str:
     for team, case in itertools.product(limit_flights.TEAMS, limit_flights.CASES):
         found = limit_flights.counts(items("limits"), team, case)
         rows.append(
-            (f"`{team}`", f"`{case}`", *("-" if n not in found else "{} of {}".format(*found[n]) for n in names))
+            (
+                f"`{team}`",
+                f"`{case}`",
+                *("{} of {}".format(*found[n]) if n in found and found[n][1] else "-" for n in names),
+            )
         )
     return markdown(("team", "case", *names), rows)
 
@@ -54,7 +58,7 @@ def limits_values() -> str:
             angle = np.median([a["attitude_deg"] for a, _ in kept]) if kept else np.inf
             ratio = np.median([a["contact_force_N"] / b["contact_force_N"] for a, b in kept]) if kept else np.inf
             ended = f" ({len(flown) - len(kept)} lost)" * (len(kept) < len(flown))
-            cells.append(f"{angle:.2g}, {ratio:.2f}{ended}" if kept else "lost")
+            cells.append(f"{angle:.2g}, {ratio:.2f}{ended}" if kept else "lost" if flown else "-")
         rows.append((f"`{team}`", f"`{case}`", *cells))
     return markdown(("team", "case", *names), rows)
 
