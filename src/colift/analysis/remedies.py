@@ -32,7 +32,7 @@ from colift.scenario import (
 )
 
 MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, one tenth of the limit of `grasp.check_controllability`
-SEARCH_TIME = 20.0  # s of processor time from the start of a check, after which no candidate is evaluated
+SEARCH_TIME = 60.0  # s of processor time from the start of a check, after which no candidate is evaluated
 MIN_DECAY_RATE = 0.3
 """Decay rate of the slowest mode below which the loop is weak [1/s]."""
 MAX_CANDIDATES = 2  # changes that are evaluated in full, of those that are best to first order
