@@ -139,8 +139,8 @@ def work_precision(out: Path) -> None:
         ax.set_ylabel("CPU time of a simulated second [ms]")
         ax.grid(alpha=0.3)
         ax.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.01, 0.5))
-        (picture,) = (path for path in style.save_figure(figure, out / "work_precision") if path.suffix == ".png")
-    shutil.copy(picture, HERE)
+        style.save_figure(figure, out / "work_precision")
+    write_small(Image.open(out / "work_precision.png"), "work_precision", PAGE_PIXELS)
 
 
 def film(out: Path) -> None:

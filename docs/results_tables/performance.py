@@ -75,11 +75,9 @@ def one_team() -> str:
 def work_precision() -> str:
     """CPU time at equal errors and at an equal step."""
     found = _figures("work_precision")
-    series = found["series"]
-    own = next(one for one in series["colift"] if one["steps"] == 500)
     rows: list[tuple[Cell, ...]] = []
-    for name, points in series.items():
-        one = next(one for one in points if one["steps"] == own["steps"])
+    for name, points in found["series"].items():
+        one = next(one for one in points if one["step_s"] == 1e-3)
         ratio = found["time_ratio_at_step_of_1_ms"][name]
         rows.append((name, one["error_m"], 1e-3 * one["cpu_us_per_s"], ratio, min(p["error_m"] for p in points)))
     header = ("program", "error at 1 ms [m]", "CPU ms a simulated second", "time over colift", "least error [m]")
