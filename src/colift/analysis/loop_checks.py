@@ -118,7 +118,7 @@ def check_mode(
         settings: Scenario.
         loop: Its loop.
         progress: Function called with a description of the progress.
-        search: Processor time for the search for advice; None for no search.
+        search: Candidates of the search for advice; None for no search.
 
     Returns:
         The finding: failed if the mode is unstable, weak by `mode_weaknesses`.
@@ -205,7 +205,7 @@ def check_posture(
         settings: Scenario.
         modes: Modes of its loop.
         progress: Function called with a description of the progress.
-        search: Processor time for the search for advice; None for no search.
+        search: Candidates of the search for advice; None for no search.
 
     Yields:
         At most one finding.
@@ -270,7 +270,7 @@ def check_margins(
         settings: Scenario.
         loop: Its loop.
         progress: Function called with a description of the progress.
-        search: Processor time for the search for advice; None for no search.
+        search: Candidates of the search for advice; None for no search.
 
     Yields:
         The finding of the delay margin, and that of the gain margin if it is known.

@@ -80,7 +80,7 @@ def run_preflight(
             print("\n".join(report.format_report()))
     """
     truth, nominal = team.team(settings)
-    found, budget = _Findings(report), remedies.SearchBudget()
+    found, budget = _Findings(report), remedies.SearchBudget.for_team(settings)
     found.add([_mass(settings, truth, nominal)])
     if errors := structure.structural_errors(settings, truth):
         message = "; ".join(error.message for error in errors)
@@ -126,7 +126,7 @@ def check_experiment(
     truth, nominal = team.team(settings)
     found = _Findings(lambda _finding: None)
     found.add([_mass(settings, truth, nominal), _contacts(settings, truth)])
-    budget = remedies.SearchBudget() if search else None
+    budget = remedies.SearchBudget.for_team(settings) if search else None
     loop = _check_built(found, settings, case_experiment, case, progress, thrust_margin, budget)
     return PreflightReport(settings.name, tuple(found.items)), loop
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
@@ -32,7 +31,7 @@ from colift.scenario import (
 )
 
 MAX_JACOBIAN_CONDITION = 100.0  # of an agent's grasp Jacobian, one tenth of the limit of `grasp.check_controllability`
-SEARCH_TIME = 60.0  # s of processor time from the start of a check, after which no candidate is evaluated
+SEARCH_EFFORT = 480  # candidates of all searches of a check, times the joints of the team
 MIN_DECAY_RATE = 0.3
 """Decay rate of the slowest mode below which the loop is weak [1/s]."""
 MAX_CANDIDATES = 2  # changes that are evaluated in full, of those that are best to first order
@@ -43,34 +42,44 @@ T = TypeVar("T")
 ScenarioChange = headings.ScenarioChange
 
 
-@dataclasses.dataclass(frozen=True)
 class SearchBudget:
-    """Processor time that all searches of one check share.
+    """Number of candidates that all searches of one check share.
 
-    The time of compilation grows with the number of joints, so that the searches for a large team would take minutes.
+    The time of a candidate grows with the number of joints, so that the searches for a large team would take minutes.
+    A number of candidates, in contrast to a time, yields the same advice on every machine.
 
     Attributes:
-        limit: Processor time after the start at which a search ends [s].
-        start: Processor time at the start of the check [s].
+        candidates: Number of candidates at the start of the check.
+        exhausted: True if a candidate was omitted.
     """
 
-    limit: float = SEARCH_TIME
-    start: float = dataclasses.field(default_factory=time.process_time)
+    def __init__(self, candidates: int) -> None:
+        self.candidates = candidates
+        self.exhausted = False
+        self._evaluated = 0
 
-    @property
-    def exhausted(self) -> bool:
-        """True if no further candidate is evaluated."""
-        return time.process_time() - self.start > self.limit
+    @classmethod
+    def for_team(cls, settings: Scenario) -> SearchBudget:
+        """Return the budget of a scenario: `SEARCH_EFFORT` over the number of joints, at least one candidate."""
+        joints = sum(len(settings.agent_types[agent.type].joints) for agent in settings.agents)
+        return cls(max(1, SEARCH_EFFORT // max(1, joints)))
 
     def within(self, candidates: Iterable[T]) -> Iterator[T]:
         """Iterate over the candidates of a search, the most promising first, until the budget is exhausted."""
         for candidate in candidates:
-            if self.exhausted:
+            if self._evaluated >= self.candidates:
+                self.exhausted = True
                 return
+            self._evaluated += 1
             yield candidate
 
-
-SEARCH_ENDED = f"the search for changes ended after {SEARCH_TIME:g} s: use `colift tune`, which changes gains together"
+    @property
+    def ended(self) -> str:
+        """Advice for a search that the budget ended."""
+        return (
+            f"the search for changes ended after {self.candidates} candidates: use `colift tune`, which changes gains "
+            "together"
+        )
 
 
 def modes_at_equilibrium(settings: Scenario) -> stability.Modes:
@@ -102,7 +111,7 @@ def margin_changes(
         settings: Scenario.
         x: Equilibrium of its loop.
         loops: Loops with delayed or scaled commands, by description.
-        budget: Processor time of the check.
+        budget: Candidates of the check.
 
     Returns:
         One sentence per description.
@@ -123,7 +132,7 @@ def margin_changes(
         name: f"{option} changes the growth rate with {name} from {loops[name].growth:+.3g} to {growth:+.3g} 1/s, to "
         "first order"
         if option
-        else SEARCH_ENDED
+        else budget.ended
         if budget.exhausted
         else f"no change of a single gain lowers the growth rate with {name}; `colift tune` changes them together"
         for name, (growth, option) in best.items()
@@ -191,7 +200,7 @@ def advice_for_rejection(
         settings: Scenario.
         message: Message of the rejection.
         progress: Function called with a description of the progress.
-        budget: Processor time of the check.
+        budget: Candidates of the check.
 
     Returns:
         Sentences.
@@ -248,7 +257,7 @@ def stabilizing_changes(
         x: Equilibrium of its loop.
         M: Jacobian of one tick at x.
         progress: Function called with a description of the progress.
-        budget: Processor time of the check.
+        budget: Candidates of the check.
         mode: Index of the mode, 0 for the slowest one.
 
     Returns:
@@ -293,7 +302,7 @@ def stabilizing_changes(
         if better:
             return tuple(f"{option} yields {rate:+.3g} rad/s" for rate, option in better)
     if budget.exhausted:
-        return (SEARCH_ENDED,)
+        return (budget.ended,)
     return ("none of the tried gains, headings, joint positions and contact heights helps: start from `colift init`",)
 
 
@@ -311,7 +320,7 @@ def posture_changes(
         current: Present decay rate [1/s].
         joint: Name `agent/joint` of the slowest joint.
         progress: Function called with a description of the progress.
-        budget: Processor time of the check.
+        budget: Candidates of the check.
 
     Returns:
         Sentences with option and resulting rate.
@@ -329,7 +338,7 @@ def posture_changes(
     best = sorted(sufficient or faster, reverse=True)[:MAX_CANDIDATES]
     advice = tuple(f"{option} yields {rate:.3g} 1/s" for rate, option in best)
     if not advice and budget.exhausted:
-        return (SEARCH_ENDED,)
+        return (budget.ended,)
     return advice or (
         f"none of the tried bandwidths, attitude gains and positions of {joint} helps: start from `colift init`",
     )
@@ -344,7 +353,7 @@ def delay_margin_changes(
         settings: Scenario.
         current: Present delay margin [s].
         progress: Function called with a description of the progress.
-        budget: Processor time of the check.
+        budget: Candidates of the check.
 
     Returns:
         Sentences with option and resulting margin.
@@ -361,7 +370,7 @@ def delay_margin_changes(
     better = sorted((candidate for candidate in evaluated if candidate[0] > current), reverse=True)[:MAX_CANDIDATES]
     advice = tuple(f"{option} yields {margin:.3g} s" for margin, option in better)
     if not advice and budget.exhausted:
-        return (SEARCH_ENDED,)
+        return (budget.ended,)
     return advice or (f"a reduction of single gains does not help: raise control_Hz above {settings.control_Hz:g}",)
 
 

@@ -15,7 +15,7 @@ from colift.analysis.findings import Level
 from colift.scenario import experiment, initial_states, schema
 from tests.support import small_team as light
 
-BUDGET = remedies.SearchBudget(limit=float("inf"))
+BUDGET = remedies.SearchBudget(1000)
 
 
 def quiet(_what: str) -> None:

@@ -203,9 +203,20 @@ def test_agents_with_very_many_joints_are_not_built(tmp_path: Path, monkeypatch:
     assert finding(preflight.run_preflight(short), "thrust").level is Level.failed
 
 
-def test_exhausted_budget_evaluates_no_candidate():
-    assert list(remedies.SearchBudget(limit=-1.0).within([1, 2])) == []
-    assert list(remedies.SearchBudget(limit=float("inf")).within([1, 2])) == [1, 2]
+def test_searches_share_a_number_of_candidates():
+    budget = remedies.SearchBudget(3)
+    assert list(budget.within([1, 2])) == [1, 2]
+    assert list(budget.within([3])) == [3]
+    assert not budget.exhausted
+    assert list(budget.within([4])) == []
+    assert budget.exhausted
+    assert "after 3 candidates" in budget.ended
+
+
+@pytest.mark.parametrize(("agents", "arms", "candidates"), [(3, 0, 480), (4, 2, 40), (12, 2, 13)])
+def test_large_teams_have_fewer_candidates(agents: int, arms: int, candidates: int):
+    settings = scenario.parse(template.scenario_template("new", agents, arms), "new.yaml")
+    assert remedies.SearchBudget.for_team(settings).candidates == candidates
 
 
 def test_equal_agents_are_summarized():
@@ -341,7 +352,7 @@ def test_posture_advice_lists_changes_that_speed_joints_up(monkeypatch, rates, a
         return two_modes(rate, 1.0, 0.1)
 
     monkeypatch.setattr(remedies, "modes_at_equilibrium", at_rest)
-    finding_ = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None, remedies.SearchBudget())
+    finding_ = remedies.posture_changes(beam, 1.0, "agent_2/shoulder", lambda _what: None, remedies.SearchBudget(1000))
     assert len(finding_) == len(advice)
     assert all(part in line for part, line in zip(advice, finding_, strict=True))
 
