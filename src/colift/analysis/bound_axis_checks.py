@@ -138,9 +138,13 @@ def yaw_advice(
     given = settings.control
     k_R, k_omega = (np.broadcast_to(x, (3,)).tolist() for x in (given.k_R, given.k_omega))
     stiffness, rate = bound_axes.advised_yaw_gains(zero)
+    lowered = (("k_R", k_R, stiffness), ("k_omega", k_omega, rate))
     advice = [
-        f"--set 'control.k_R=[{k_R[0]:g},{k_R[1]:g},{min(stiffness, k_R[2]):g}]' "
-        f"--set 'control.k_omega=[{k_omega[0]:g},{k_omega[1]:g},{min(rate, k_omega[2]):g}]'"
+        " ".join(
+            f"--set 'control.{name}=[{gain[0]:g},{gain[1]:g},{limit:g}]'"
+            for name, gain, limit in lowered
+            if limit < gain[2]
+        )
     ]
     if turns := headings.turns_to_tangent(settings, truth, state):
         option, _ = headings.heading_change(settings, turns)

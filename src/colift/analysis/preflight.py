@@ -18,6 +18,7 @@ import numpy as np
 from colift.analysis import (
     bound_axes,
     bound_axis_checks,
+    hover_allocation,
     joint_limits,
     learning_benefit,
     loop_checks,
@@ -157,6 +158,9 @@ def _check_built(
     """Append the findings on a team that can be built, and on its loop; see `check_experiment`."""
     truth, nominal = team.team(settings)
     z = initial_states.equilibrium_state(settings, truth)
+    if impossible := tuple(hover_allocation.check_allocation(settings, case_experiment.controller, z)):
+        found.add(impossible)
+        return None
     found.add([_thrust(settings, case_experiment, z, thrust_margin)])
     for findings in (
         *([] if truth.is_rigid_assembly else [thrust_loss.check_losses(settings, truth, z)]),

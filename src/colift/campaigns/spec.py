@@ -247,6 +247,7 @@ def _errors(spec: Campaign, tree: yaml_tree.Tree) -> Iterator[str]:
             allowed = ", ".join(ALL_CASES)
             hint = suggestion(case, ALL_CASES)
             yield f"{tree.at(('cases', k))} cases: must be one of {allowed}, got {format_value(case)}{hint}"
+    yield from (f"{tree.at(('cases',))} cases: {text} occurs twice" for text in _repeated(spec.cases))
     for section in ("overrides", "vary"):
         for path in getattr(spec, section):
             if path in OWN_SETTINGS:
@@ -308,10 +309,14 @@ def _overridden(spec: Campaign, tree: yaml_tree.Tree, scenario: Scenario, file: 
     errors: list[str] = []
     applied: list[tuple[str, JsonValue]] = []
     base = json.dumps(_plain(scenario))
-    for path, value in spec.overrides.items():
-        found = _setting_errors(base, file, [*applied, (path, value)], f"{tree.at(('overrides', path))} overrides")
-        errors += found
-        applied += [] if found else [(path, value)]
+    together = list(spec.overrides.items())
+    if together and not _setting_errors(base, file, together, ""):
+        applied = together  # some are valid only together, in whatever order
+    else:
+        for path, value in together:
+            found = _setting_errors(base, file, [*applied, (path, value)], f"{tree.at(('overrides', path))} overrides")
+            errors += found
+            applied += [] if found else [(path, value)]
     if not errors:
         scenario = with_settings(base, file, applied) if applied else scenario
         base = json.dumps(_plain(scenario))
@@ -321,10 +326,19 @@ def _overridden(spec: Campaign, tree: yaml_tree.Tree, scenario: Scenario, file: 
                 line for value in _extremes(variation) for line in _setting_errors(base, file, [(path, value)], at)
             ]
             errors += dict.fromkeys(found)
+        errors += _late_faults(spec, tree, base, file)
     errors = errors or list(_overlaps(spec, tree, yaml_tree.Tree(file, json.loads(base), {}, [])))
     if errors:
         raise ScenarioError("\n".join(errors[: validation.MAX_MESSAGES]))
     return scenario
+
+
+def _late_faults(spec: Campaign, tree: yaml_tree.Tree, base: str, file: str) -> list[str]:
+    """Find faults that would begin after flights of the stated duration."""
+    if spec.duration_s is None:
+        return []
+    found = _setting_errors(base, file, [("duration_s", spec.duration_s)], f"{tree.at(('duration_s',))}")
+    return [line for line in found if ": faults" in line]
 
 
 def _overlaps(spec: Campaign, tree: yaml_tree.Tree, scenario: yaml_tree.Tree) -> Iterator[str]:

@@ -213,6 +213,16 @@ def test_searches_share_a_number_of_candidates():
     assert "after 3 candidates" in budget.ended
 
 
+def test_advice_of_an_exhausted_search_names_its_end():
+    beam, quiet = scenario.load_scenario("beam"), lambda _what: None
+    for search in (
+        lambda budget: remedies.posture_changes(beam, 1.0, "agent_2/shoulder", quiet, budget),
+        lambda budget: remedies.delay_margin_changes(beam, 0.001, quiet, budget),
+    ):
+        budget = remedies.SearchBudget(0)
+        assert search(budget) == (budget.ended,)
+
+
 @pytest.mark.parametrize(("agents", "arms", "candidates"), [(3, 0, 480), (4, 2, 40), (12, 2, 13)])
 def test_large_teams_have_fewer_candidates(agents: int, arms: int, candidates: int):
     settings = scenario.parse(template.scenario_template("new", agents, arms), "new.yaml")

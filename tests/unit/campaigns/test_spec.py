@@ -42,6 +42,7 @@ MISTAKES = {
     "scenario: paper\nvary: {control.K_p: [4, 4.0]}": (2, "vary control.K_p", "4 occurs twice", ""),
     "scenario: paper\nvary: {control.K_p: [1000000, 1.0e+6]}": (2, "vary control.K_p", "1000000 occurs twice", ""),
     "scenario: paper\nseeds: [3, 3]": (2, "seeds", "3 occurs twice", ""),
+    "scenario: paper\ncases: [C1, C1]": (2, "cases", '"C1" occurs twice', ""),
     "scenario: paper\nseeds: [1, 2]\nsamples: 5": (3, "samples", "must be 1", "got 5"),
     f"scenario: paper\nsamples: {spec.MAX_FLIGHTS}": (2, "samples", "at most 1000000 flights", "got 3000000"),
     "scenario: paper\nuntil: {metric: e_p_rms_m, half_width: 1}": (2, "until", "at least 32 samples", "got 1"),
@@ -89,6 +90,16 @@ def test_scenario_is_no_specification(tmp_path: Path):
         spec.load_campaign(path)
 
 
+def test_faults_after_the_end_are_refused(tmp_path: Path):
+    fault = {"kind": "thrust", "who": small_team.NAMES[0], "to": 0.5, "start_s": 1.5}
+    small_team.write(tmp_path / "light.yaml", faults=small_team.faults(fault))
+    path = tmp_path / "campaign.yaml"
+    path.write_text("scenario: light.yaml\nduration_s: 1\n")
+    message = rf"^{path}:2: duration_s, with 1.0: faults\[0\].start_s \[s\]: must be less than duration_s = 1, got 1.5$"
+    with pytest.raises(ScenarioError, match=message):
+        spec.load_campaign(path)
+
+
 def test_missing_and_special_files_are_refused(tmp_path: Path):
     for path in (tmp_path / "none.yaml", tmp_path):
         with pytest.raises(ScenarioError, match=f"^{path}: cannot be read"):
@@ -99,6 +110,22 @@ def test_different_values_are_not_repeated():
     """Seven digits, and numbers inside of lists and sections."""
     assert spec._repeated([1234567.0, 1234568.0, True, "1", 1, [4, 5], [5, 4], None]) == []
     assert spec._repeated([[4], [4.0], {"a": 1}, {"a": 1.0}]) == ["[4]", '{"a": 1}']
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_overrides_apply_together_in_any_order(tmp_path: Path, order: int):
+    path = tmp_path / "campaign.yaml"
+    lines = ["  allocation.contact.max_force_N: 20", "  allocation.kind: constrained"][::order]
+    path.write_text("\n".join(["scenario: paper", "overrides:", *lines]))
+    allocation = spec.load_campaign(path).scenario.allocation
+    assert allocation.kind == "constrained"
+    assert allocation.contact.max_force_N == 20
+
+
+def test_a_shorter_flight_may_end_before_the_last_update(tmp_path: Path):
+    path = tmp_path / "campaign.yaml"
+    path.write_text("scenario: paper\nduration_s: 1\n")
+    assert spec.load_campaign(path).spec.duration_s == 1
 
 
 def test_overrides_reach_the_scenario(tmp_path: Path):

@@ -37,14 +37,16 @@ def _allocate(onboard: controller.LeaderFollowerController, state: Any, now: int
     return forces, preferred, next_state
 
 
-def allocated(part: constrained_allocation.ConstrainedAllocator, thrust: float, a: Any) -> Any:
+def allocated(part: constrained_allocation.ConstrainedAllocator, thrust: float, a: Any, roll: float = 0.0) -> Any:
     """Forces within the limits, preferred forces, next state, and controller for a thrust limit [N] of each agent."""
     experiment = paper.paper_experiment("C1")
     groups = experiment.controller.team.agent_groups
     groups = tuple(dataclasses.replace(group, thrust_max=jnp.full(2, float(thrust))) for group in groups)
     onboard = dataclasses.replace(experiment.controller, allocator=part)
     onboard = dataclasses.replace(onboard, team=dataclasses.replace(onboard.team, agent_groups=groups))
-    now = controller.context_at(onboard, experiment.initial_state, jnp.zeros(6), jnp.zeros(()))
+    z = experiment.initial_state
+    payload = dataclasses.replace(z.payload, R=so3.exp(jnp.array([roll, 0, 0])) @ z.payload.R)
+    now = controller.context_at(onboard, dataclasses.replace(z, payload=payload), jnp.zeros(6), jnp.zeros(()))
     return *_allocate(onboard, part.init(), now, jnp.asarray(a, float)), onboard, now
 
 
@@ -121,6 +123,22 @@ def test_rates_remain_unless_thrust_directions_change():
     limited, _, _, _, _ = allocated(allocator(), 22, [0, 0, 3, 0, 0, 0])
     assert not np.any(limited.lam_dot)
     assert not np.any(limited.acceleration.jerk)
+
+
+def test_rates_depend_on_horizontal_changes_in_the_world_frame():
+    """With a payload in roll, vertical changes of the forces have components along its y axis, which do not count."""
+    part, roll = allocator(), 0.4
+    need = np.linalg.norm(thrusts(*(found := allocated(part, 50, np.zeros(6), roll))[3:], found[0]), axis=1).max()
+    forces, preferred, _, _, now = allocated(part, need - 0.1, np.zeros(6), roll)
+    R = np.asarray(now.estimate.payload.R)
+    achieved = np.concatenate([R.T @ np.asarray(forces.acceleration.a), np.asarray(forces.acceleration.alpha)])
+    slack = np.abs(np.asarray(part.slack_map) @ achieved).max()
+    change = np.asarray(forces.lam - preferred.lam).reshape(2, 2, 3).sum(1)
+    world, payload = (np.abs(moved[:, :2]).max() for moved in (change, change @ R))
+    assert payload > world + 0.01
+    share = 1 - (world + slack) / constrained_allocation.RATE_RANGE
+    assert 0.1 < share < 0.9
+    np.testing.assert_allclose(forces.acceleration.jerk, share * JERK, atol=1e-6)
 
 
 def test_residuals_are_predicted_at_the_achieved_acceleration():
