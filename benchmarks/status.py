@@ -1,7 +1,8 @@
 """`./dev bench --status`: whether the stored results are complete, comparable and of the current release.
 
 A result is behind if its machine differs from that of most results, if its release of colift or a locked package is
-another one, or if the code of the benchmark changed. Other code changes with every commit; their number is printed.
+another one, if the code of the benchmark or of the measurement (`benchmarks/__init__.py`) changed, or if it contains no
+figures or was measured with uncommitted files. Other code changes with every commit; the number of files is printed.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import collections
 import json
 import re
+import subprocess
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,8 @@ from benchmarks import NAMES
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
+MEASUREMENT = "benchmarks/__init__.py"
+LIST_OF_NAMES = re.compile(r"^NAMES = \(.*?^\)$", re.MULTILINE | re.DOTALL)
 
 
 def stored(folder: Path = RESULTS) -> dict[str, dict[str, Any]]:
@@ -46,8 +50,32 @@ def changed_files(result: dict[str, Any], root: Path = ROOT) -> list[str]:
 
 
 def _is_own(path: str) -> bool:
-    """Return whether a file is code of the benchmarks; `__init__.py` contains the list of names and is not."""
-    return path.startswith("benchmarks/") and path != "benchmarks/__init__.py"
+    """Return whether a file is code of the benchmarks."""
+    return path.startswith("benchmarks/")
+
+
+def _is_equal(path: str, stored_digest: str, root: Path) -> bool:
+    """Return whether a file is the code of the measurement and differs in the list of names only.
+
+    Versions that git does not have count as equal.
+    """
+    from evidence import dependencies
+
+    if path != MEASUREMENT or not (root / path).is_file():
+        return False
+    try:
+        command = ["git", "cat-file", "blob", stored_digest]
+        before = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    except (subprocess.CalledProcessError, FileNotFoundError):
+        return True
+    texts = (LIST_OF_NAMES.sub("", text) for text in (before, (root / path).read_text()))
+    return len({dependencies.meaning(text, ".py") for text in texts}) == 1
+
+
+def _changed_own_files(result: dict[str, Any], root: Path) -> list[str]:
+    """Return the changed files of the benchmark and of the measurement."""
+    changed = [path for path in changed_files(result, root) if _is_own(path)]
+    return [path for path in changed if not _is_equal(path, result["files"][path], root)]
 
 
 def reasons_behind(folder: Path = RESULTS, root: Path = ROOT) -> dict[str, list[str]]:
@@ -67,7 +95,10 @@ def reasons_behind(folder: Path = RESULTS, root: Path = ROOT) -> dict[str, list[
             for package, version in result["versions"].items()
             if version != "absent" and versions.get(package, version) != version
         ]
-        reasons += [f"{path} changed" for path in changed_files(result, root) if _is_own(path)]
+        reasons += [f"{path} changed" for path in _changed_own_files(result, root)]
+        reasons += [f"measured with uncommitted {path}" for path in result["uncommitted"]]
+        reasons += [f"without {package}" for package, version in result["versions"].items() if version == "absent"]
+        reasons += [] if result["figures"] or result["omitted"] else ["no figures"]
         found[name] = reasons
     return found
 

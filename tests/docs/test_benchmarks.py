@@ -108,3 +108,16 @@ def test_time_at_error_interpolates_logarithms():
     assert work_precision.time_at({"a": points}, "a", 1e-10) == pytest.approx(1e4)
     floor = [{"error_m": 2e-3, "cpu_us_per_s": 1.0}, {"error_m": 2e-3, "cpu_us_per_s": 2.0}]
     assert work_precision.time_at({"a": points, "a b": floor}, "a", 1e-6) == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize(("old", "new", "behind"), [('"gpu",', '"gpu", "new",', False), ("perf_counter", "time", True)])
+def test_a_change_of_the_measurement_makes_results_behind(tmp_path, old, new, behind):
+    """An addition to the list of names does not."""
+    (tmp_path / "benchmarks").mkdir()
+    for path in ("requirements", "pyproject.toml", "benchmarks/gp.py"):
+        (tmp_path / path).symlink_to(status.ROOT / path)
+    text = (status.ROOT / status.MEASUREMENT).read_text()
+    assert old in text
+    (tmp_path / status.MEASUREMENT).write_text(text.replace(old, new))
+    reasons = status.reasons_behind(root=tmp_path)["gp"]
+    assert (f"{status.MEASUREMENT} changed" in reasons) == behind
