@@ -12,7 +12,7 @@ the step. With the stiffest constraints it converges to the same reference solut
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from benchmarks import Outcome, peers, plant
+from benchmarks import Outcome, peers, plant, rounds
 from colift import codegen
 from colift.models import mjcf
 
@@ -32,22 +32,23 @@ MUJOCO_STEPS = (62, 125, 250, 500, 1000, 2000, 4000)  # 8 ms to 0.125 ms
 INTEGRATORS = {"RK4": "RK4", "Euler": "EULER", "implicitfast": "IMPLICITFAST"}  # names of MuJoCo's constants
 ERRORS = (1e-7, 1e-9)  # m, at which times are compared
 OWN_STEP = 500  # steps of 1 ms
-REPEATS, LEAST_TIME = 5, 0.05  # measurements of a point, and least CPU time of one [s]
+LEAST_TIME = 0.05  # CPU time of one measurement of a point [s]
+LEAST_SECONDS = 30.0  # duration of all rounds together
+
+Series = dict[str, list[dict[str, Any]]]
 
 
 def run(seconds: float) -> Outcome:
-    """Measure all series; the fastest of some repetitions counts."""
-    del seconds  # each series lasts as long as it lasts
+    """Measure all points in alternating rounds; the fastest round of a point counts."""
     team, z, (inputs,) = plant.hover(2)
     nudge = jnp.array([[0.02, 0.05, 0.01], [0.0, 0.03, -0.01]])  # N m, as in `one_team`
     case = team, z, (replace(inputs, tau=inputs.tau + nudge),)
     reference, coarser = (colift_end(case, steps)() for steps in (REFERENCE_STEPS, REFERENCE_STEPS // 2))
-    series = {"colift": [point(colift_end(case, n), n, reference) for n in COLIFT_STEPS]}
+    programs = {"colift": [(n, colift_end(case, n)) for n in COLIFT_STEPS]}
     for name in INTEGRATORS:
         for softness in ("default", "stiff"):
-            series[f"MuJoCo {name}, {softness}"] = [
-                point(mujoco_end(case, name, softness, n), n, reference) for n in MUJOCO_STEPS
-            ]
+            programs[f"MuJoCo {name}, {softness}"] = [(n, mujoco_end(case, name, softness, n)) for n in MUJOCO_STEPS]
+    series = measure(programs, reference, max(seconds, LEAST_SECONDS))
     for name, points in series.items():
         print(name)
         for one in points:
@@ -99,27 +100,38 @@ def mujoco_end(case: plant.Case, integrator: str, softness: str, steps: int) -> 
     return end
 
 
-def point(end: Callable[[], np.ndarray], steps: int, reference: np.ndarray) -> dict[str, float]:
-    """Return the error and the CPU time of a simulated second; the first call is not measured."""
-    error, times, calls = float(np.linalg.norm(end() - reference)), [], 1
-    while len(times) < REPEATS:
+def measure(
+    programs: dict[str, list[tuple[int, Callable[[], np.ndarray]]]], reference: np.ndarray, seconds: float
+) -> Series:
+    """Return the error and the CPU time of a simulated second of each point, by program."""
+    series: Series = {}
+    contenders: dict[str, tuple[Callable[[], object], int]] = {}
+    for name, points in programs.items():
+        series[name] = []
+        for steps, end in points:
+            error = float(np.linalg.norm(end() - reference))
+            series[name].append({"steps": steps, "step_s": DURATION / steps, "error_m": error})
+            contenders[f"{name} {steps}"] = repeated(end)
+    times = rounds(contenders, seconds, time.process_time)
+    for name, points in series.items():
+        for point in points:
+            point["cpu_us_per_s"] = 1e6 * float(times[f"{name} {point['steps']}"].min()) / DURATION
+    return series
+
+
+def repeated(end: Callable[[], np.ndarray]) -> tuple[Callable[[], object], int]:
+    """Return a function that calls another one so often that it takes `LEAST_TIME`, and the number of calls."""
+    calls = 1
+    while True:
         start = time.process_time()
         for _ in range(calls):
             end()
-        took = time.process_time() - start
-        if took < LEAST_TIME:
-            calls *= 2
-        else:
-            times.append(took / calls)
-    return {
-        "steps": steps,
-        "step_s": DURATION / steps,
-        "error_m": error,
-        "cpu_us_per_s": 1e6 * min(times) / DURATION,
-    }
+        if time.process_time() - start >= LEAST_TIME:
+            return lambda: [end() for _ in range(calls)], calls
+        calls *= 2
 
 
-def time_at(series: dict[str, Sequence[dict[str, Any]]], name: str, error: float) -> float:
+def time_at(series: Mapping[str, Sequence[Mapping[str, Any]]], name: str, error: float) -> float:
     """Return the CPU time of the fastest series of a program at an error, interpolated between logarithms.
 
     Values beyond the last point continue the line of the last two.
