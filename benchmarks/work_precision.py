@@ -11,6 +11,7 @@ the step. With the stiffest constraints it converges to the same reference solut
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -121,13 +122,17 @@ def measure(
 
 def repeated(end: Callable[[], np.ndarray]) -> tuple[Callable[[], object], int]:
     """Return a function that calls another one so often that it takes `LEAST_TIME`, and the number of calls."""
+
+    def repeat(calls: int) -> None:
+        for _ in range(calls):
+            end()
+
     calls = 1
     while True:
         start = time.process_time()
-        for _ in range(calls):
-            end()
+        repeat(calls)
         if time.process_time() - start >= LEAST_TIME:
-            return lambda: [end() for _ in range(calls)], calls
+            return functools.partial(repeat, calls), calls
         calls *= 2
 
 
