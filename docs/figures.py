@@ -131,10 +131,17 @@ def work_precision(out: Path) -> None:
     with style.style_context():
         figure = Figure(figsize=(style.PAGE_WIDTH, 3.4))
         ax = figure.subplots()
+        looks = {
+            "colift": ("#004488", "o"),
+            "RK4": ("#DDAA33", "s"),
+            "Euler": ("#BB5566", "^"),
+            "implicit": ("#000000", "v"),
+        }
         for name, points in series.items():
-            dashes, marker = ("-", "o") if name == "colift" else ("-" if "stiff" in name else ":", "s")
+            color, marker = next(look for part, look in looks.items() if part in name)
+            dashes = ":" if "default" in name else "-"
             error, ms = [one["error_m"] for one in points], [1e-3 * one["cpu_us_per_s"] for one in points]
-            ax.loglog(error, ms, dashes, marker=marker, markersize=3, label=name)
+            ax.loglog(error, ms, dashes, color=color, marker=marker, markersize=3, label=name)
         ax.set_xlabel("error of the payload position after 0.5 s [m]")
         ax.set_ylabel("CPU time of a simulated second [ms]")
         ax.grid(alpha=0.3)

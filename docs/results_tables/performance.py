@@ -88,7 +88,7 @@ def work_precision() -> str:
 def equal_error() -> str:
     """CPU time of MuJoCo over that of colift at equal errors."""
     found = _figures("work_precision")["time_ratio_at_error"]
-    rows = [(error, f"{ratio:.2g}") for error, ratio in found.items()]
+    rows = [(error, f"{float(f'{ratio:.2g}'):g}") for error, ratio in found.items()]
     return markdown(("error of the payload position", "CPU time of MuJoCo over colift"), rows)
 
 
