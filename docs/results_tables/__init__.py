@@ -147,15 +147,14 @@ def limits(name: str) -> dict[str, Any]:
 
 
 def targets(asked: Iterable[Any]) -> str:
-    """Return a table of targets: what is measured, the limit, and whether it is met."""
+    """Return a table of targets: what is measured, the limit, and whether it is met; NaN was not computed."""
     header = ("target", "measured", "limit", "met", "spread")
-    return markdown(
-        header,
-        (
-            (one.description, f"{number(one.measured)} {one.unit}".strip(), one.limit, one.met, one.note or None)
-            for one in asked
-        ),
-    )
+    rows = []
+    for one in asked:
+        computed = not np.isnan(one.measured)
+        measured = f"{number(one.measured)} {one.unit}".strip() if computed else "not computed"
+        rows.append((one.description, measured, one.limit, one.met if computed else None, one.note or None))
+    return markdown(header, rows)
 
 
 def provenance(name: str) -> tuple[str, ...]:

@@ -46,7 +46,7 @@ def limits_fractions() -> str:
 
 @table("limits")
 def limits_values() -> str:
-    """Largest attitude error and ratio of contact forces at thrust limits, by team and case: medians over seeds."""
+    """Attitude error, ratio of contact forces and position error at thrust limits, by team and case: medians."""
     names = ["unlimited", *(f"{100 * level:g} %" for level in limit_flights.LEVELS), "bearable", "clipped"]
     rows = []
     for team, case in itertools.product(limit_flights.TEAMS, limit_flights.CASES):
@@ -57,8 +57,9 @@ def limits_values() -> str:
             kept = [(a, b) for a, b in flown if not a["termination_reason"]]
             angle = np.median([a["attitude_deg"] for a, _ in kept]) if kept else np.inf
             ratio = np.median([a["contact_force_N"] / b["contact_force_N"] for a, b in kept]) if kept else np.inf
+            error = number(np.median([a["e_p_rms_m"] for a, _ in kept]), 2) if kept else ""
             ended = f" ({len(flown) - len(kept)} lost)" * (len(kept) < len(flown))
-            cells.append(f"{angle:.2g}, {ratio:.2f}{ended}" if kept else "lost" if flown else "-")
+            cells.append(f"{angle:.2g}, {ratio:.2f}, {error}{ended}" if kept else "lost" if flown else "-")
         rows.append((f"`{team}`", f"`{case}`", *cells))
     return markdown(("team", "case", *names), rows)
 
