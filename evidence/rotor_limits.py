@@ -1,11 +1,11 @@
 """Flights of `paper` at rotor limits: four rotors at 0.25 m without lag, and constrained allocation.
 
-A flight ends where the payload is 3 m from its reference. The RMS position error is that from 4 s to 12 s. A limit is
-the sum of the largest rotor forces of a vehicle. Two kinds of items exist:
+The RMS position error is that from 4 s to 12 s. A limit is the sum of the largest rotor forces of a vehicle. Two kinds of
+items exist:
 
-- `C1 30 301`: one case, limit [N] and seed;
+- `C1 30 301`: one case, limit [N] and seed. The flight ends where the payload is 3 m from its reference.
 - `C1 share 301`: one case at 95 % of its rotor need. The rotor need is the mean over time and agents, in the flight at
-  50 N, of the number of rotors times the largest rotor force.
+  50 N, of the number of rotors times the largest rotor force. The payload may sink, and the attitude error counts.
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ ROTORS = {"num_rotors": 4, "radius_m": 0.25, "moment_ratio_m": 0.016}
 BANDWIDTH = 1000.0  # Hz, of the motors
 
 
-def rotor_scenario(limit: float, seed: int) -> Scenario:
-    """Return the scenario at a limit of the rotors of each vehicle [N]."""
+def rotor_scenario(limit: float, seed: int, distance: float = 3.0) -> Scenario:
+    """Return the scenario at a limit of the rotors of each vehicle [N] and a largest distance from the reference [m]."""
     data = scenario.load_scenario("paper").model_dump()
     data |= {"seed": seed, "duration_s": DURATION}
     data["agent_types"]["two_arms"]["thrust_max_N"] = limit
     data["actuators"] = {"kind": "motors", "bandwidth_Hz": BANDWIDTH, "rotors": ROTORS}
     data["allocation"]["kind"] = "constrained"
     data["control"]["position_error_bound_m"] = 0.3
-    data["termination"] |= {"max_position_error_m": 3.0, "max_saturation_time_s": 1000.0, "min_height_m": None}
+    data["termination"] |= {"max_position_error_m": distance, "max_saturation_time_s": 1000.0, "min_height_m": None}
     data["termination"] |= dict.fromkeys(("max_attitude_error_deg", "max_tilt_deg"), 180.0)
     return Scenario.model_validate(data)
 
 
-def fly(case: str, limit: float, seed: int) -> FlightResult:
-    """Return the flight of a case at a limit."""
-    return run_experiment(experiment.make_experiment(rotor_scenario(limit, seed), case))
+def fly(case: str, *arguments: Any) -> FlightResult:
+    """Return the flight of a case, with the arguments of `rotor_scenario`."""
+    return run_experiment(experiment.make_experiment(rotor_scenario(*arguments), case))
 
 
 def found(flight: FlightResult) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def simulate_item(item: str) -> dict[str, Any]:
     if limit != "share":
         return found(fly(case, float(limit), int(seed)))
     need = rotor_need(fly(case, LIMITS[-1], int(seed)))
-    return found(fly(case, SHARE * need, int(seed))) | {"need_N": need}
+    return found(fly(case, SHARE * need, int(seed), 1000.0)) | {"need_N": need}
 
 
 def items() -> list[str]:

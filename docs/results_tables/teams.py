@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from evidence import cone_programs, payloads, realization, rotor_limits, verdicts
 from evidence import limits as limit_flights
-from evidence import payloads, realization, rotor_limits, verdicts
 from results_tables import CASES, items, limits, markdown, number, table
 from results_tables import targets as target_table
 from tests.support import user_teams
@@ -83,6 +83,45 @@ def rotor_limits_values() -> str:
         if set(cells) != {"-"}:
             rows.append((f"{limit:g}", *cells))
     return markdown(("limit [N]", *(f"`{case}` [mm]" for case in rotor_limits.CASES)), rows)
+
+
+@table("cone_programs")
+def cone_program_targets() -> str:
+    """Targets of the solver of the allocation within limits."""
+    return target_table(cone_programs.targets(items("cone_programs")))
+
+
+@table("cone_programs")
+def cone_program_accuracy() -> str:
+    """Differences of the solver from Clarabel by number of contacts."""
+    rows = []
+    for contacts in cone_programs.RINGS:
+        if blocks := cone_programs.blocks_of(items("cone_programs"), contacts):
+            counts = (sum(one[name] for one in blocks) for name in ("programs", "flagged", "different"))
+            worst = (max(one[name] for one in blocks) for name in ("objective_error", "violation_N"))
+            rows.append((contacts, *counts, *worst))
+    return markdown(
+        (
+            "contacts",
+            "programs",
+            "not converged",
+            "different",
+            "largest error of the objective",
+            "largest violation [N]",
+        ),
+        rows,
+    )
+
+
+@table("cone_programs")
+def cone_program_iterations() -> str:
+    """Iterations of the solver and its residual at 95 % of the need, by team and case."""
+    rows = []
+    for team, case in itertools.product(limit_flights.TEAMS, cone_programs.CASES):
+        if one := items("cone_programs").get(f"iterations {team} {case}"):
+            values = (one[name] for name in ("median", "percentile_99", "residual_percentile_99_N", "end_s"))
+            rows.append((f"`{team}`", f"`{case}`", *values))
+    return markdown(("team", "case", "median", "99th percentile", "residual, 99th percentile [N]", "end [s]"), rows)
 
 
 @table("starts")
