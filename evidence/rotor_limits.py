@@ -1,7 +1,7 @@
 """Flights of `paper` at rotor limits: four rotors at 0.25 m without lag, and constrained allocation.
 
-The RMS position error is that from 4 s to 12 s. A limit is the sum of the largest rotor forces of a vehicle. Two kinds of
-items exist:
+The RMS position error is that from 4 s to 12 s. A limit is the sum of the largest rotor forces of a vehicle. There are
+two kinds of items:
 
 - `C1 30 301`: one case, limit [N] and seed. The flight ends where the payload is 3 m from its reference.
 - `C1 share 301`: one case at 95 % of its rotor need. The rotor need is the mean over time and agents, in the flight at
@@ -36,7 +36,7 @@ BANDWIDTH = 1000.0  # Hz, of the motors
 
 
 def rotor_scenario(limit: float, seed: int, distance: float = 3.0) -> Scenario:
-    """Return the scenario at a limit of the rotors of each vehicle [N] and a largest distance from the reference [m]."""
+    """Return the scenario at a limit of the rotors of each vehicle [N], with a limit of the position error [m]."""
     data = scenario.load_scenario("paper").model_dump()
     data |= {"seed": seed, "duration_s": DURATION}
     data["agent_types"]["two_arms"]["thrust_max_N"] = limit

@@ -74,11 +74,13 @@ def rotor_limits_targets() -> str:
 def rotor_limits_values() -> str:
     """RMS position error, or the time at which a flight ended, at rotor limits by case and limit."""
     of, rows = items("rotor_limits"), []
-    for limit in rotor_limits.LIMITS:
+    for limit in (
+        one for one in rotor_limits.LIMITS if one <= max(rotor_limits.COARSE[:-2]) or one in rotor_limits.COARSE
+    ):
         cells = []
         for case in rotor_limits.CASES:
             flown = [each for seed in rotor_limits.SEEDS if (each := of.get(f"{case} {limit:g} {seed}"))]
-            errors = [f"{1e3 * one['e_p_rms_m']:.3g}" if one["e_p_rms_m"] else f"{one['end_s']:.1f} s" for one in flown]
+            errors = [number(1e3 * one["e_p_rms_m"]) if one["e_p_rms_m"] else f"{one['end_s']:.1f} s" for one in flown]
             cells.append(", ".join(errors) or "-")
         if set(cells) != {"-"}:
             rows.append((f"{limit:g}", *cells))
