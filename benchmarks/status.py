@@ -97,7 +97,6 @@ def reasons_behind(folder: Path = RESULTS, root: Path = ROOT) -> dict[str, list[
         ]
         reasons += [f"{path} changed" for path in _changed_own_files(result, root)]
         reasons += [f"measured with uncommitted {path}" for path in result["uncommitted"]]
-        reasons += [f"without {package}" for package, version in result["versions"].items() if version == "absent"]
         reasons += [] if result["figures"] or result["omitted"] else ["no figures"]
         found[name] = reasons
     return found
