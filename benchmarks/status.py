@@ -54,28 +54,29 @@ def _is_own(path: str) -> bool:
     return path.startswith("benchmarks/")
 
 
-def _is_equal(path: str, stored_digest: str, root: Path) -> bool:
-    """Return whether a file is the code of the measurement and differs in the list of names only.
+def _adds_names_only(stored_digest: str, root: Path) -> bool:
+    """Return whether the code of the measurement differs from a version in the list of names only.
 
-    Versions that git does not have count as equal.
+    A version that git does not have counts as equal.
     """
     from evidence import dependencies
 
-    if path != MEASUREMENT or not (root / path).is_file():
-        return False
     try:
         command = ["git", "cat-file", "blob", stored_digest]
         before = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     except (subprocess.CalledProcessError, FileNotFoundError):
         return True
-    texts = (LIST_OF_NAMES.sub("", text) for text in (before, (root / path).read_text()))
+    texts = (LIST_OF_NAMES.sub("", text) for text in (before, (root / MEASUREMENT).read_text()))
     return len({dependencies.meaning(text, ".py") for text in texts}) == 1
 
 
 def _changed_own_files(result: dict[str, Any], root: Path) -> list[str]:
     """Return the changed files of the benchmark and of the measurement."""
     changed = [path for path in changed_files(result, root) if _is_own(path)]
-    return [path for path in changed if not _is_equal(path, result["files"][path], root)]
+    exists = (root / MEASUREMENT).is_file()
+    if exists and MEASUREMENT in changed and _adds_names_only(result["files"][MEASUREMENT], root):
+        changed.remove(MEASUREMENT)
+    return changed
 
 
 def reasons_behind(folder: Path = RESULTS, root: Path = ROOT) -> dict[str, list[str]]:

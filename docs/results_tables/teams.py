@@ -20,6 +20,9 @@ KINDS = {
 }
 
 
+FINE_LIMITS_END = 36.0  # N, rotor limit up to which the table has all limits
+
+
 @table("limits")
 def limits_targets() -> str:
     """Targets of the flights at thrust limits and with losses of thrust."""
@@ -74,9 +77,8 @@ def rotor_limits_targets() -> str:
 def rotor_limits_values() -> str:
     """RMS position error, or the time at which a flight ended, at rotor limits by case and limit."""
     of, rows = items("rotor_limits"), []
-    for limit in (
-        one for one in rotor_limits.LIMITS if one <= max(rotor_limits.COARSE[:-2]) or one in rotor_limits.COARSE
-    ):
+    shown = [limit for limit in rotor_limits.LIMITS if limit <= FINE_LIMITS_END or limit in rotor_limits.COARSE]
+    for limit in shown:
         cells = []
         for case in rotor_limits.CASES:
             flown = [each for seed in rotor_limits.SEEDS if (each := of.get(f"{case} {limit:g} {seed}"))]

@@ -307,18 +307,12 @@ def _size_errors(spec: Campaign, tree: yaml_tree.Tree) -> Iterator[str]:
 def _overridden(spec: Campaign, tree: yaml_tree.Tree, scenario: Scenario, file: str) -> Scenario:
     """Return the scenario with the overrides, after a check of all overrides and of the varied settings."""
     errors: list[str] = []
-    applied: list[tuple[str, JsonValue]] = []
-    base = json.dumps(_plain(scenario))
-    together = list(spec.overrides.items())
-    if together and not _setting_errors(base, file, together, ""):
-        applied = together  # some are valid only together, in whatever order
+    base, overrides = json.dumps(_plain(scenario)), list(spec.overrides.items())
+    try:  # together, because some are valid only with others, in whatever order
+        scenario = with_settings(base, file, overrides) if overrides else scenario
+    except ScenarioError:
+        errors += _override_errors(overrides, tree, base, file)
     else:
-        for path, value in together:
-            found = _setting_errors(base, file, [*applied, (path, value)], f"{tree.at(('overrides', path))} overrides")
-            errors += found
-            applied += [] if found else [(path, value)]
-    if not errors:
-        scenario = with_settings(base, file, applied) if applied else scenario
         base = json.dumps(_plain(scenario))
         for path, variation in spec.vary.items():
             at = f"{tree.at(('vary', path))} vary"
@@ -331,6 +325,17 @@ def _overridden(spec: Campaign, tree: yaml_tree.Tree, scenario: Scenario, file: 
     if errors:
         raise ScenarioError("\n".join(errors[: validation.MAX_MESSAGES]))
     return scenario
+
+
+def _override_errors(
+    overrides: list[tuple[str, JsonValue]], tree: yaml_tree.Tree, base: str, file: str
+) -> Iterator[str]:
+    """Find the errors of overrides one after another, each with the valid ones before it."""
+    applied: list[tuple[str, JsonValue]] = []
+    for path, value in overrides:
+        found = _setting_errors(base, file, [*applied, (path, value)], f"{tree.at(('overrides', path))} overrides")
+        yield from found
+        applied += [] if found else [(path, value)]
 
 
 def _late_faults(spec: Campaign, tree: yaml_tree.Tree, base: str, file: str) -> list[str]:
