@@ -1,8 +1,9 @@
 """Accuracy of the cone program of the allocation within limits against Clarabel, and its iterations in flight.
 
 Items of the form `16 contacts 3` are blocks of 250 random programs of a ring of agents, solved without a warm start and
-with at most 5000 iterations. Residuals above `RESIDUAL` flag a program as not converged. Programs have a solution for
-all limits, since limits are penalties. About half of the demands exceed the limits.
+with at most 5000 iterations (`tests.support.cone_programs`). Larger residuals than its tolerance flag a program as not
+converged. Programs have a solution for all limits, since limits are penalties. About half of the demands exceed the
+limits.
 
 Items of the form `iterations trio C1` are flights at 95 % of the mean need (`evidence.limits`), with the tolerance and
 the 100 iterations of the controller. Their iterations start from the solution of the last control period.
@@ -26,29 +27,23 @@ from colift.scenario import experiment
 from evidence import collect, limits
 from evidence.targets import Target, report
 from tests.support import cone_programs
+from tests.support.cone_programs import RINGS
 
-RINGS = {3: (3, 1), 4: (2, 2), 6: (3, 2), 16: (4, 4)}  # agents and arms of each, by contacts
 BLOCKS, BLOCK_SIZE = 10, 250
-TOLERANCE, RESIDUAL, ITERATIONS = 2e-6, 2e-6, 5000
 OBJECTIVE_ERROR, VIOLATION = 1e-4, 1e-3  # relative to at least 1, and N
 LEVEL, SEED, CASES = 0.95, 301, ("C1", "true_residual")
 WARM_ITERATIONS = 40
-
-solve = jax.jit(cone_program.solve)
 
 
 def solve_block(contacts: int, block: int) -> dict[str, Any]:
     """Return how many programs of a block are flagged or differ from Clarabel, and the largest differences."""
     of, rng = cone_programs.ring(*RINGS[contacts]), np.random.default_rng((contacts, block))
-    program = cone_program.make_program(of.A, of.P, cone_programs.WEIGHTS, max_iterations=ITERATIONS)
-    program = dataclasses.replace(program, tolerance=jnp.asarray(TOLERANCE))
-    zero = jnp.zeros(of.A.shape[0])
-    start = cone_program.WarmStart(projected=zero, multipliers=zero)
+    program = cone_programs.make_program(of)
     flagged, different, errors, violations = 0, 0, [], []
     for _ in range(BLOCK_SIZE):
         p = cone_programs.draw(of, rng)
-        found = solve(program, jnp.asarray(p.x_0), jnp.asarray(p.b), p.sets, jnp.asarray(p.n), start)
-        if np.asarray(found.residuals).max() > RESIDUAL:
+        found = cone_programs.solution(program, p)
+        if np.asarray(found.residuals).max() > cone_programs.TOLERANCE:
             flagged += 1
             continue
         x, expected = np.asarray(found.x), cone_programs.reference_solution(of, p)

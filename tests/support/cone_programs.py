@@ -3,13 +3,16 @@
 import dataclasses
 
 import clarabel
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from colift.onboard.control import cone_program
+from colift.onboard.control import cone_program, constrained_allocation
 
+RINGS = {3: (3, 1), 4: (2, 2), 6: (3, 2), 16: (4, 4)}  # agents and arms of each, by contacts
+TOLERANCE, ITERATIONS = 2e-6, 5000  # programs with larger residuals are flagged
 WEIGHTS = cone_program.Penalties()
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -80,6 +83,27 @@ def draw(of: Geometry, rng: np.random.Generator) -> Problem:
         maximum=jnp.asarray(np.r_[hover * share, np.full(contacts, rng.uniform(8, 25))]),
     )
     return Problem(x_0=x_0, b=b, sets=sets, n=R[2])
+
+
+solve = jax.jit(cone_program.solve)
+
+
+def make_program(of: Geometry, tolerance: float = TOLERANCE, iterations: int = ITERATIONS) -> cone_program.ConeProgram:
+    """Return the constant matrices with the step sizes of limited contacts."""
+    steps = constrained_allocation.step_sizes(of.agents, len(of.normals), is_limited=True)
+    program = cone_program.make_program(of.A, of.P, WEIGHTS, steps, iterations)
+    return dataclasses.replace(program, tolerance=jnp.asarray(tolerance))
+
+
+def cold_start(program: cone_program.ConeProgram) -> cone_program.WarmStart:
+    """Return a start without a former solution."""
+    zero = jnp.zeros(program.A.shape[0])
+    return cone_program.WarmStart(projected=zero, multipliers=zero)
+
+
+def solution(program: cone_program.ConeProgram, p: Problem) -> cone_program.Solution:
+    """Solve a program from a cold start."""
+    return solve(program, jnp.asarray(p.x_0), jnp.asarray(p.b), p.sets, jnp.asarray(p.n), cold_start(program))
 
 
 def objective(of: Geometry, p: Problem, x: np.ndarray) -> float:

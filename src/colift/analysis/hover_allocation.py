@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from colift.analysis.findings import Finding, failure
 from colift.models.state import State, zero_residual
-from colift.onboard import controller, interfaces
-from colift.onboard.control import tracking
+from colift.onboard import controller
 from colift.onboard.control.constrained_allocation import ConstrainedAllocator
-from colift.scenario import Scenario, team
+from colift.scenario import Scenario, team, termination
 
 MAX_ACCELERATION = 0.01  # m/s^2 and rad/s^2 in hover, above the error of the solver
 
@@ -34,7 +33,9 @@ def check_allocation(
     allocator = base_controller.allocator
     if not isinstance(allocator, ConstrainedAllocator):
         return
-    command = jax.jit(_hover_command)(base_controller, allocator.converged(), state)
+    converged = dataclasses.replace(base_controller, allocator=allocator.converged())
+    nominal, start = base_controller.team, jnp.zeros(())
+    command = termination.hover_command(nominal, converged, state, zero_residual(nominal), start)
     a, alpha = np.asarray(command.acceleration.a), np.asarray(command.acceleration.alpha)
     if max(np.linalg.norm(a), np.linalg.norm(alpha)) <= MAX_ACCELERATION:
         return
@@ -58,19 +59,3 @@ def check_allocation(
         {"acceleration_mps2": a.tolist(), "angular_acceleration_radps2": alpha.tolist()},
         f"change {', '.join(paths for _, paths in active.values())}, or lower payload.mass_kg",
     )
-
-
-def _hover_command(
-    base_controller: controller.LeaderFollowerController, allocator: ConstrainedAllocator, state: State
-) -> interfaces.ContactForceCommand:
-    """Return the contact forces for zero acceleration, without residuals and at the start of the flight."""
-    nominal, f = base_controller.team, zero_residual(base_controller.team)
-    demand = controller.tracking_demand(
-        nominal,
-        state.payload,
-        tracking.AccelerationCommand(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3)),
-        f,
-    )
-    context = controller.context_at(base_controller, state, jnp.zeros(6), jnp.zeros(()))
-    command, _ = allocator.allocate(allocator.init(), context, demand)
-    return command

@@ -10,7 +10,7 @@ from jaxtyping import Array
 from colift.closed_loop import termination
 from colift.models import grasp, parameters
 from colift.models.parameters import Team
-from colift.models.state import ResidualForces, State, Wrench, zero_residual
+from colift.models.state import ResidualForces, State, zero_residual
 from colift.onboard import controller, interfaces
 from colift.onboard.control import tracking
 from colift.scenario import initial_states, schema, team
@@ -143,9 +143,32 @@ def disturbance_torques(truth: Team, sources: disturbances.DisturbanceSet, state
 
 
 _acting = jax.jit(disturbances.initial_forces)
+_hover_thrust = jax.jit(termination.hover_thrust)
 
 
 @jax.jit
+def hover_command(
+    team: Team, base_controller: controller.LeaderFollowerController, state: State, f: ResidualForces, t: Array
+) -> interfaces.ContactForceCommand:
+    """Allocate contact forces for zero acceleration at rest, with the internal forces of one time.
+
+    Args:
+        team: Parameters of the payload and gravity.
+        base_controller: Controller.
+        state: State at rest.
+        f: Forces on payload and agents in addition to gravity.
+        t: Time [s].
+
+    Returns:
+        The commanded contact forces, and the acceleration that they achieve.
+    """
+    rest = tracking.AccelerationCommand(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
+    demand = controller.tracking_demand(team, state.payload, rest, f)
+    context = controller.context_at(base_controller, state, jnp.zeros(6), t)
+    command, _ = base_controller.allocator.allocate(base_controller.allocator.init(), context, demand)
+    return command
+
+
 def hover_forces(
     truth: Team, base_controller: controller.LeaderFollowerController, state: State, f: ResidualForces, t: Array
 ) -> tuple[Array, Array]:
@@ -161,13 +184,5 @@ def hover_forces(
     Returns:
         Thrust `(agents,)` [N], and contact forces on the payload `(contacts, 3)` [N, world].
     """
-    rest = tracking.AccelerationCommand(a=jnp.zeros(3), alpha=jnp.zeros(3), jerk=jnp.zeros(3))
-    demand = interfaces.AllocationDemand(
-        acceleration_cmd=rest,
-        f_hat=f,
-        W=Wrench(F=-truth.payload.mass * truth.gravity - f.payload.F, tau=-f.payload.tau),
-        W_dot=Wrench(F=jnp.zeros(3), tau=jnp.zeros(3)),
-    )
-    context = controller.context_at(base_controller, state, jnp.zeros(6), t)
-    forces, _ = base_controller.allocator.allocate(base_controller.allocator.init(), context, demand)
-    return termination.hover_thrust(truth, forces.lam, f), forces.lam
+    lam = hover_command(truth, base_controller, state, f, t).lam
+    return _hover_thrust(truth, lam, f), lam

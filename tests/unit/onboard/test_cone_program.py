@@ -13,7 +13,7 @@ from tests.support import cone_programs
 
 FAR = cone_program.UNLIMITED
 project = jax.jit(cone_program.project)
-solve = jax.jit(cone_program.solve)
+solve = cone_programs.solve
 
 
 def random_sets(rng: np.random.Generator, count: int) -> cone_program.ConeSets:
@@ -41,11 +41,9 @@ def test_projection_is_the_nearest_point(seed):
 
 def arguments(seed: int, iterations: int = 1000) -> tuple:
     of = cone_programs.ring(2, 2)
-    program = cone_program.make_program(of.A, of.P, cone_programs.WEIGHTS, max_iterations=iterations)
+    program = cone_programs.make_program(of, 1e-4, iterations)
     p = cone_programs.draw(of, np.random.default_rng(seed))
-    zero = jnp.zeros(of.A.shape[0])
-    start = cone_program.WarmStart(projected=zero, multipliers=zero)
-    return program, jnp.asarray(p.x_0), jnp.asarray(p.b), p.sets, jnp.asarray(p.n), start
+    return program, jnp.asarray(p.x_0), jnp.asarray(p.b), p.sets, jnp.asarray(p.n), cone_programs.cold_start(program)
 
 
 def test_free_program_returns_the_preferred_value():

@@ -46,6 +46,8 @@ DEVIATION_WEIGHT = 0.1
 """Weight of squared deviations from the preferred contact forces [1/N]."""
 LATERAL_WEIGHT = 100.0
 """Weight of an agent's squared sum of forces in the xy plane of the payload, relative to `DEVIATION_WEIGHT`."""
+STEP_SIZES = {"thrust": 1.5, "free_contact": 0.2, "limited_contact": 1.0, "force": 0.2, "moment": 20.0}
+"""Step sizes of the solver by block; the multipliers of moments and of limited contacts are the largest."""
 MIN_LEVER_SHARE = 0.05
 """Least ratio of the levers about the two horizontal axes.
 
@@ -238,12 +240,11 @@ def constrained_allocator(
         P = P + LATERAL_WEIGHT * total[:2].T @ total[:2]
         rows.append(mass[j] * np.hstack([np.eye(3), np.cross(center[j], np.eye(3))]) @ acceleration_map + total)
     A = np.vstack([*rows, np.eye(3 * len(c)), slack_map @ acceleration_map])
-    program = cone_program.make_program(
-        A, DEVIATION_WEIGHT * P, cone_program.Penalties(), max_iterations=max_iterations
-    )
+    is_limited = any(x is not None for x in (limits.friction, limits.min_force, limits.max_force))
+    steps = step_sizes(len(mass), len(c), is_limited)
     return ConstrainedAllocator(
         base=base,
-        program=program,
+        program=cone_program.make_program(A, DEVIATION_WEIGHT * P, cone_program.Penalties(), steps, max_iterations),
         contacts=_contact_sets(len(c), limits),
         contact_center=jnp.asarray(center),
         mass=jnp.asarray(mass),
@@ -252,6 +253,21 @@ def constrained_allocator(
         slack_map=jnp.asarray(slack_map),
         tan_tilt=jnp.asarray(np.tan(tilt)),
     )
+
+
+def step_sizes(agents: int, contacts: int, is_limited: bool) -> np.ndarray:
+    """Return the step sizes of the blocks `(agents + contacts + 2,)`.
+
+    Contact forces without limits have multipliers at open contacts only, so their step size is smaller.
+
+    Args:
+        agents: Number of agents.
+        contacts: Number of contacts.
+        is_limited: Whether contact forces have limits.
+    """
+    contact = STEP_SIZES["limited_contact" if is_limited else "free_contact"]
+    sizes = [STEP_SIZES["thrust"], contact, STEP_SIZES["force"], STEP_SIZES["moment"]]
+    return np.repeat(sizes, [agents, contacts, 1, 1])
 
 
 def _levers(c: np.ndarray) -> np.ndarray:
