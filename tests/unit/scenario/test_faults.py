@@ -141,6 +141,7 @@ def test_faults_are_described_by_kind_part_and_time():
         ({**LINK, "delay_s": 0.0201}, "faults.*delay_s.*whole ticks"),
         ({**LINK, "rate_Hz": 1e4}, "faults.*rate_Hz.*control_Hz"),
         ({**CONTACT, "who": "rear/lift"}, "faults.*who.*did you mean 'rear/left'"),
+        ({**SENSOR, "to": "delayed", "delay_s": 0}, "faults.*delay_s.*must be from 0.001 to"),
         ({**SENSOR, "reading": "lam"}, "faults.*reading.*a reading of payload"),
         ({**SENSOR, "who": "paylod"}, "did you mean 'payload'"),
         ({**THRUST, "kind": "thrst"}, "faults.*kind must be one of thrust, rotor, sensor, link, contact"),

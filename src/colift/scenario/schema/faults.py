@@ -54,7 +54,10 @@ class _DegradedFault(_TemporaryFault):
 
 
 class ThrustFault(_DegradedFault):
-    """Loss of effectiveness of all rotors of an agent: a share of thrust and body torque remains."""
+    """Loss of effectiveness of all rotors of an agent: a share of thrust and body torque remains.
+
+    Losses of one agent at the same time multiply.
+    """
 
     kind: Literal["thrust"]
     """Selects this fault."""
@@ -98,7 +101,7 @@ class SensorFault(Transmitted, _DegradedFault):
     `intermittent`: samples are lost with `dropout_probability`."""
     rate_Hz: fields.Rate = 5.0
     """Rate of samples of a `slow` reading, at most the control rate."""
-    delay_s: fields.Time = 0.1
+    delay_s: fields.Span = 0.1
     """Delay of a `delayed` reading, a multiple of the control period."""
     dropout_probability: fields.Fraction = 0.9
     """Probability that a sample of an `intermittent` reading is lost in a control period."""
