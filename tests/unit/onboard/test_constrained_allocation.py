@@ -138,7 +138,7 @@ def test_rates_depend_on_horizontal_changes_in_the_world_frame():
     assert payload > world + 0.01
     share = 1 - (world + slack) / constrained_allocation.RATE_RANGE
     assert 0.1 < share < 0.9
-    np.testing.assert_allclose(forces.acceleration.jerk, share * JERK, atol=1e-6)
+    np.testing.assert_allclose(forces.acceleration.jerk, share * JERK, atol=1e-4)
 
 
 def test_residuals_are_predicted_at_the_achieved_acceleration():

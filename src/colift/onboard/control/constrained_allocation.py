@@ -46,7 +46,7 @@ DEVIATION_WEIGHT = 0.1
 """Weight of squared deviations from the preferred contact forces [1/N]."""
 LATERAL_WEIGHT = 100.0
 """Weight of an agent's squared sum of forces in the xy plane of the payload, relative to `DEVIATION_WEIGHT`."""
-STEP_SIZES = {"thrust": 1.5, "free_contact": 0.2, "limited_contact": 1.0, "force": 0.2, "moment": 20.0}
+STEP_SIZES = {"thrust": 1.5, "free_contact": 0.2, "limited_contact": 2.0, "force": 0.2, "moment": 20.0}
 """Step sizes of the solver by block; the multipliers of moments and of limited contacts are the largest."""
 MIN_LEVER_SHARE = 0.05
 """Least ratio of the levers about the two horizontal axes.
