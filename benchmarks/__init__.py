@@ -25,6 +25,7 @@ NAMES = (
     "roofline",
     "gp",
     "flight",
+    "limits",
     "study",
     "parts",
 )

@@ -171,6 +171,25 @@ def flight_growth() -> str:
 
 
 @table("benchmarks")
+def allocation_limits() -> str:
+    """Time of a control period with the allocation within limits."""
+    rows = [
+        (f"`{case}`", name, of["closed_loop_us"], of["closed_loop_ratio"], of["c_us"], of["c_ratio"])
+        for case, kinds in _figures("limits").items()
+        for name, of in kinds.items()
+    ]
+    header = (
+        "case",
+        "allocation",
+        "closed loop [us]",
+        "over least squares",
+        "controller as C [us]",
+        "over least squares",
+    )
+    return markdown(header, rows)
+
+
+@table("benchmarks")
 def parts() -> str:
     """CPU time of the parts of a study."""
     from benchmarks.parts import LIMITS
