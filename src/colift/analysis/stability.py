@@ -409,7 +409,7 @@ def _undisturbed_loop(
     if isinstance(onboard := experiment.controller, LeaderFollowerController):
         healthy = dataclasses.replace(onboard, command_link=None, effectiveness_filter=None, contact_monitor=None)
         if isinstance(healthy.estimator, ComplementaryFilter):  # exact readings can repeat
-            estimator = dataclasses.replace(healthy.estimator, detects_stuck_tips=False)
+            estimator = dataclasses.replace(healthy.estimator, detects_tip_failures=False)
             healthy = dataclasses.replace(healthy, estimator=estimator)
         at_rest = _pose_at_rest(onboard.reference)
         experiment = dataclasses.replace(experiment, controller=dataclasses.replace(healthy, reference=at_rest))

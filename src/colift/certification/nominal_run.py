@@ -120,7 +120,7 @@ def nominal_experiment(experiment: Experiment, truth: residual_model.ResidualMod
     no, estimator = jnp.asarray(False), experiment.controller.estimator
     recorder = dataclasses.replace(experiment.controller.recorder, payload=no, agents=no)
     if isinstance(estimator, state_estimator.ComplementaryFilter):  # readings without noise can repeat
-        estimator = dataclasses.replace(estimator, detects_stuck_tips=False)
+        estimator = dataclasses.replace(estimator, detects_tip_failures=False)
     none = tuple(() for _ in experiment.world.disturbances.agents)
     rest = jax.tree.map(jnp.zeros_like, experiment.world.disturbances.joints)
     smooth = tuple(dataclasses.replace(f, speed=jnp.ones_like(f.speed)) for f in rest)

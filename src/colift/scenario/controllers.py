@@ -265,7 +265,7 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
             filters=_filters(settings),
             contact_forces=_contact_forces(settings, nominal),
             pose_delay=_pose_delay(settings, *nav_filter.CHANNELS),
-            detects_stuck_tips=settings.contact_forces.kind == "tip_sensors" and settings.sensors.tip_force_N > 0,
+            detects_tip_failures=settings.contact_forces.kind == "tip_sensors" and settings.sensors.tip_force_N > 0,
             payload_filter=_payload_filter(settings, nominal),
         ),
         recorder=recorder(

@@ -236,6 +236,17 @@ class ResidualPriorEstimator:
         )
 
 
+def without_tip_moments(balance: TeamBalance, label: Float[Array, "6"]) -> Float[Array, "6"]:
+    """Subtract the tip moment readings from a label of the payload [N world, N m payload frame].
+
+    Args:
+        balance: Equations of motion and readings.
+        label: Label of the payload with the contact forces.
+    """
+    in_world = [(x.R * x.moment[:, None, :]).sum((0, 2)) for x in balance.agents if x.moment is not None]
+    return label.at[3:].add(-(balance.payload.R.T @ sum(in_world))) if in_world else label
+
+
 def contact_force_map(J_tip: Float[Array, "arms 3 xi"], R: Float[Array, "3 3"]) -> Float[Array, "outputs contacts"]:
     """Return the matrix ``A`` from the contact forces of all arms, world frame, to the generalized force ``A lam``.
 

@@ -46,7 +46,7 @@ from colift.models.state import (
     flatten_agent_state,
     flatten_payload_state,
 )
-from colift.onboard.estimation import contact_forces, nav_filter
+from colift.onboard.estimation import contact_forces, nav_filter, tip_readings
 from colift.onboard.estimation.contact_forces import (
     AgentBalance,
     ContactForceEstimator,
@@ -56,7 +56,7 @@ from colift.onboard.estimation.contact_forces import (
 )
 from colift.onboard.estimation.nav_filter import FilterBandwidths, ImuBias, NavState, ReadingClock
 from colift.onboard.estimation.payload_filter import PayloadFilter, PayloadFilterState, contact_wrench
-from colift.onboard.estimation.tip_readings import TipReadings, initial_tip_readings, update_tip_readings
+from colift.onboard.estimation.tip_readings import TipReadings
 
 Scalar = Float[Array, ""]
 
@@ -160,7 +160,7 @@ class EstimatorState:
     contact_forces: tuple[SecondOrderLowPassState, ...]  # N, world, label filter of estimates, by group; () with tips
     time_since_label: Scalar  # s, since the last valid label
     initialized: Float[Array, ""]  # 0 before the first control period, 1 afterwards
-    tips: TipReadings | None = None  # None if stuck tip force sensors are not detected
+    tips: TipReadings | None = None  # None if failures of tip force sensors are not detected
     payload_filter: PayloadFilterState | None = None  # None if the payload has gyroscope and accelerometer
 
 
@@ -205,14 +205,15 @@ class ComplementaryFilter:
         contact_forces: Estimator of the contact forces.
         pose_delay: Largest delay of readings of poses and velocities, in control periods; None if all of them are new
             in every control period.
-        detects_stuck_tips: Whether a tip reading that stays unchanged counts as old; requires readings with noise.
+        detects_tip_failures: Whether tip readings that stay unchanged or are wrong count as old; requires readings with
+            noise.
         payload_filter: Filter of a payload without gyroscope and accelerometer; None if the payload has them.
     """
 
     filters: FilterBandwidths
     contact_forces: ContactForceEstimator = dataclasses.field(default_factory=TipSensors)
     pose_delay: int | None = static(default=None)
-    detects_stuck_tips: bool = static(default=False)
+    detects_tip_failures: bool = static(default=False)
     payload_filter: PayloadFilter | None = None
 
     def init(self, team: Team, measurement: Measurement) -> EstimatorState:
@@ -221,7 +222,7 @@ class ComplementaryFilter:
         averaged = isinstance(self.contact_forces, contact_forces.ResidualPriorEstimator)
         return dataclasses.replace(
             state,
-            tips=initial_tip_readings(measurement) if self.detects_stuck_tips else None,
+            tips=tip_readings.initial(measurement) if self.detects_tip_failures else None,
             contact_forces=tuple(steady_state(jnp.zeros(m.lam.shape)) for m in measurement.agents if averaged),
             payload_filter=self.payload_filter and self.payload_filter.init(team),
         )
@@ -295,8 +296,7 @@ def _update(
     # rates adds to the mean of the terms that are quadratic in them.
     closed = estimator.payload_filter is None and not isinstance(estimator.contact_forces, contact_forces.FreeFlight)
     found = _update_agents(team, filters, state, payload, measurement, applied, clocks and clocks[1], dt, closed)
-    age, tips = _tip_reading_age(state, measurement, dt)
-    balances = TeamBalance(agents=tuple(each for _, each, _ in found), payload=balance, reading_age=age, f_hat=f_hat)
+    balances, tips = _team_balance(state, measurement, balance, tuple(each for _, each, _ in found), f_hat, dt)
     forces = estimator.contact_forces.estimate(team, balances)
     interval = state.time_since_label + dt
     # In periods without labels the filters of labels and inputs hold their values.
@@ -307,7 +307,7 @@ def _update(
         for (_, of_agents, agent_state), *each in zip(found, forces.base_frame, forces.for_moment_labels(), strict=True)
     )
     labels, agents, lam = zip(*filtered_agents, strict=True)
-    payload_label = _without_moments(balances, balance.y - contact_wrench(team, payload.R, lam))
+    payload_label = contact_forces.without_tip_moments(balances, balance.y - contact_wrench(team, payload.R, lam))
     averaged, filtered = _average(state, lam, b)
     inputs, motion = flatten_payload_state(payload, a), payload_state.payload_filter
     if estimator.payload_filter is not None and motion is not None:
@@ -342,19 +342,22 @@ def _update(
     ), next_state
 
 
-def _without_moments(balances: TeamBalance, label: Float[Array, "6"]) -> Float[Array, "6"]:
-    """Subtract the tip moment readings from a label of the payload."""
-    in_world = [(x.R * x.moment[:, None, :]).sum((0, 2)) for x in balances.agents if x.moment is not None]
-    return label.at[3:].add(-(balances.payload.R.T @ sum(in_world))) if in_world else label
-
-
-def _tip_reading_age(state: EstimatorState, measurement: Measurement, dt: Scalar) -> tuple[Scalar, TipReadings | None]:
-    """Return the age of the tip force readings [s], and the data of the detection of stuck sensors."""
+def _team_balance(
+    state: EstimatorState,
+    measurement: Measurement,
+    payload: PayloadBalance,
+    agents: tuple[AgentBalance, ...],
+    f_hat: ResidualForces,
+    dt: Scalar,
+) -> tuple[TeamBalance, TipReadings | None]:
+    """Return the equations of motion with the age of the tip readings, and the data of the detection of failures."""
     age = measurement.measurement_age_s.get("agents.lam", jnp.zeros(()))
+    balances = TeamBalance(agents=agents, payload=payload, reading_age=age, f_hat=f_hat)
     if state.tips is None:
-        return age, None
-    tips = update_tip_readings(state.tips, measurement, dt)
-    return jnp.maximum(age, jnp.concatenate([time.reshape(-1) for time in tips.unchanged_time]).max()), tips
+        return balances, None
+    filtered = state.label.stage2, tuple(agent.label.stage2 for agent in state.agents)
+    have_labels = (state.time_since_label <= 0) & (state.initialized > 0)
+    return tip_readings.update(state.tips, measurement, balances, filtered, have_labels, dt)
 
 
 def _update_agents(
