@@ -230,9 +230,9 @@ MUTANTS = {
         "test_a_beam_with_two_vehicles_flies",
     ),
     "payload label: sign of the tip moment readings": Mutant(
-        "onboard/estimation/state_estimator.py",
-        "label.at[3:].add(-(balances.payload.R.T @ sum(in_world)))",
-        "label.at[3:].add(balances.payload.R.T @ sum(in_world))",
+        "onboard/estimation/contact_forces.py",
+        "label.at[3:].add(-(balance.payload.R.T @ sum(in_world)))",
+        "label.at[3:].add(balance.payload.R.T @ sum(in_world))",
         "unit/onboard/test_rigid_assembly",
         "test_a_beam_with_two_vehicles_flies",
     ),
