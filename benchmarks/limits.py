@@ -24,8 +24,8 @@ from colift.closed_loop import simulator
 from colift.closed_loop.flight import Experiment
 from colift.codegen import build
 from colift.integrations import c_export
-from colift.models.parameters import Team
 from colift.scenario import termination
+from evidence import limits
 
 TICKS, REPEATS, C_ROUNDS = 250, 5, 9
 LEVEL = 0.95
@@ -56,18 +56,8 @@ def with_full_models(given: Experiment) -> Experiment:
 
 def with_thrust_limits(given: Experiment) -> Experiment:
     """Return a flight whose thrusts are limited below the thrust in hover, in the plant and in the controller."""
-    team = given.world.team
-    limit = LEVEL * termination.undisturbed_hover_thrust(team, given.controller, given.initial_state).mean()
-
-    def limited(team: Team) -> Team:
-        groups = [
-            dataclasses.replace(group, thrust_max=jnp.full_like(group.thrust_max, limit)) for group in team.agent_groups
-        ]
-        return dataclasses.replace(team, agent_groups=tuple(groups))
-
-    world = dataclasses.replace(given.world, team=limited(team))
-    controller = dataclasses.replace(given.controller, team=limited(given.controller.team))
-    return dataclasses.replace(given, world=world, controller=controller)
+    hover = termination.undisturbed_hover_thrust(given.world.team, given.controller, given.initial_state)
+    return limits.with_limits(given, np.full_like(hover, LEVEL * hover.mean()))
 
 
 def closed_loop(case: str, given: dict[str, Experiment], seconds: float) -> dict[str, dict[str, float]]:
