@@ -153,11 +153,11 @@ class RotorMixer:
         return jnp.clip(f, 0.0, force_max)  # removes rounding errors of the forces that were scaled to a limit
 
 
-YAW_MARGIN = 0.05
+YAW_MARGIN = 0.02
 """Yaw torque before thrust: its rotor forces relative to the largest force; PX4 uses 0.15.
 
 Without it a vehicle at its limit turns about the vertical, and its arms tilt the payload. The value is chosen by
-flights with limits from 29 N to 34 N (docs/decisions/0005-general-force-allocation.md).
+flights with limits from 28 N to 32 N (docs/decisions/0005-general-force-allocation.md).
 """
 FORCE_EPS = 1e-300  # N, avoids division by zero for a rotor whose force does not change
 

@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from colift.closed_loop import part_checks
 from colift.math import so3
-from colift.models import grasp, parameters
+from colift.models import aerial_manipulator, grasp, parameters
 from colift.models.parameters import Team
 from colift.models.state import GeneralizedForce, ResidualForces, Wrench, zero_residual
 from colift.onboard import controller, interfaces
@@ -31,9 +31,11 @@ from colift.onboard.control import (
 )
 from colift.onboard.control.allocation import (
     AllocationMap,
+    YawTorques,
     internal_force_coordinates,
     leader_follower_allocation,
     least_squares_allocation,
+    rotor_allocation,
     squeeze,
 )
 from colift.onboard.estimation import (
@@ -152,7 +154,8 @@ def allocation(settings: schema.Scenario, nominal: Team) -> tuple[AllocationMap,
         if isinstance(given, schema.LeaderFollowerAllocation):
             result = leader_follower_allocation(c, [index[name] for name in given.leader_contacts])
         else:
-            result = _least_squares_allocation(c.tobytes())
+            yaw = yaw_torques(settings, nominal) if given.kind == "constrained" else None
+            result = _least_squares_allocation(c.tobytes()) if yaw is None else rotor_allocation(c, yaw)
         return result, _internal(given.internal, result, c, index)
     except ValueError as error:
         numbered = ", ".join(f"{i} {name}" for name, i in index.items())
@@ -193,7 +196,25 @@ def _constrained(
         min_force=contact.min_force_N,
         max_force=contact.max_force_N,
     )
-    return constrained_allocation.constrained_allocator(nominal, base, float(np.deg2rad(given.tilt_deg)), limits)
+    return constrained_allocation.constrained_allocator(
+        nominal, base, float(np.deg2rad(given.tilt_deg)), limits, yaw=yaw_torques(settings, nominal)
+    )
+
+
+def yaw_torques(settings: schema.Scenario, nominal: Team) -> YawTorques | None:
+    """Return the yaw torques in hover at the start of the reference; None for actuators without rotors."""
+    actuators = settings.actuators
+    if not isinstance(actuators, schema.LaggedMotors) or actuators.rotors is None:
+        return None
+    R = np.asarray(trajectories.setpoint(trajectories.make_reference(settings), array(0.0)).R)
+    agents, first = agents_in_hover(settings, nominal), 0
+    levers = np.zeros((len(agents), sum(at.agent.tree.arms for at in agents), 3))
+    for row, at in zip(levers, agents, strict=True):
+        heading = np.asarray(so3.from_axis_angle(jnp.array([0.0, 0.0, 1.0]), array(at.yaw)))
+        tips = np.asarray(aerial_manipulator.forward_kinematics(at.agent, at.posture).points[-at.agent.tree.arms :])
+        row[first : first + len(tips)] = np.cross([0.0, 0.0, 1.0], tips @ heading.T) @ R  # e_z . (p x lam)
+        first += len(tips)
+    return YawTorques(levers.reshape(len(agents), -1), actuators.rotors.moment_ratio_m)
 
 
 def _contact_forces(settings: schema.Scenario, nominal: Team) -> contact_forces.ContactForceEstimator:

@@ -189,3 +189,20 @@ def test_follower_offset_must_be_internal():
         allocation.leader_follower_allocation(c, [0, 1, 2], lam_f0 + np.array([0, 0, 0.1]))
     with pytest.raises(ValueError, match="one force for each of the 3 follower contacts"):
         allocation.leader_follower_allocation(c, [0, 1, 2], lam_f0[:2])
+
+
+@given(seed=seeds)
+def test_rotor_allocation_minimizes_forces_and_yaw_torques(seed):
+    """The oracle eliminates `G lam = W` and solves a dense least-squares problem in internal forces."""
+    rng = np.random.default_rng(seed)
+    c, agents = contacts(rng, int(rng.integers(3, 7))), int(rng.integers(1, 4))
+    yaw = allocation.YawTorques(rng.normal(size=(agents, 3 * len(c))), float(rng.uniform(0.01, 1)))
+    W, f, found = rng.normal(size=6), rng.normal(size=agents), allocation.rotor_allocation(c, yaw)
+    lam = np.asarray(found.right_inverse) @ W + np.asarray(found.yaw_gain) @ f
+    G = dense_G(c, np.eye(3))
+    particular, Z = np.linalg.pinv(G) @ W, np.asarray(found.nullspace)
+    A = np.vstack([np.eye(3 * len(c)), yaw.levers / yaw.moment_ratio])
+    b = np.concatenate([np.zeros(3 * len(c)), f / yaw.moment_ratio])
+    internal = np.linalg.lstsq(A @ Z, b - A @ particular, rcond=None)[0]
+    np.testing.assert_allclose(lam, particular + Z @ internal, atol=1e-6 * (1 + np.abs(lam).max()))
+    np.testing.assert_allclose(G @ lam, W, atol=1e-8 * (1 + np.abs(lam).max()))

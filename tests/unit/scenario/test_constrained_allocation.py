@@ -1,11 +1,13 @@
 """Tests of the settings of the allocation within limits."""
 
+import jax
 import numpy as np
 import pytest
 
 from colift import scenario
+from colift.models import aerial_manipulator, grasp, parameters
 from colift.onboard.control import cone_program, constrained_allocation
-from colift.scenario import ScenarioError, controllers, team
+from colift.scenario import ScenarioError, controllers, initial_states, team
 from colift.workflows import python_api
 
 NORMAL = {"front/left": [0, -1, 0], "front/right": [0, 2, 0], "rear/left": [0, -1, 0], "rear/right": [0, 1, 0]}
@@ -66,3 +68,50 @@ def test_bound_of_the_position_error_reaches_the_controller():
     settings = scenario.load_scenario("paper", ["control.position_error_bound_m=0.3"])
     _, nominal = team.team(settings)
     assert float(controllers.make_controller(settings, nominal).payload_controller.position_error_bound) == 0.3
+
+
+MOTORS = {
+    "kind": "motors",
+    "bandwidth_Hz": 20.0,
+    "rotors": {"num_rotors": 4, "radius_m": 0.25, "moment_ratio_m": 0.016},
+}
+
+
+@pytest.mark.parametrize("name", ["paper", "uneven"])
+def test_yaw_torques_of_rotors_are_moments_about_the_bases(name):
+    """The oracle takes the moments of random contact forces about each base, at rest on the reference."""
+    settings = python_api.load_scenario(name, {"actuators": MOTORS})
+    _, nominal = team.team(settings)
+    state = initial_states.equilibrium_state(settings, nominal)
+    lam = np.random.default_rng(0).normal(size=(len(grasp.contact_points(nominal)), 3))
+    forces, expected = iter(lam @ np.asarray(state.payload.R).T), []
+    for group, agents in zip(nominal.agent_groups, state.agents, strict=True):
+        for j in range(len(agents.x)):
+            agent, q = parameters.select_agent(group, j), jax.tree.map(lambda x, j=j: x[j], agents)
+            base = q.x - q.R @ aerial_manipulator.center_of_mass(agent, q.r)
+            tips = np.asarray(aerial_manipulator.tip_positions(agent, q) - base[None])
+            expected.append(np.cross(tips, [next(forces) for _ in tips]).sum(0)[2])
+    found = controllers.yaw_torques(settings, nominal)
+    np.testing.assert_allclose(found.levers @ lam.ravel(), expected, atol=5e-3)  # postures at rest differ by 1e-3 rad
+    assert found.moment_ratio == 0.016
+    assert controllers.yaw_torques(python_api.load_scenario(name), nominal) is None
+
+
+def test_agents_with_rotors_need_less_yaw_torque_for_a_yaw_moment():
+    """Residual yaw torques of opposite signs change the internal forces of the preferred distribution."""
+    settings = load()
+    _, nominal = team.team(settings)
+    plain = controllers.make_controller(settings, nominal).allocator
+    rotors = controllers.make_controller(settings.model_copy(update={"actuators": with_motors()}), nominal).allocator
+    levers = controllers.yaw_torques(settings.model_copy(update={"actuators": with_motors()}), nominal).levers
+    W = np.array([0, 0, 0, 0, 0, 1.0])
+    required = [np.abs(levers @ np.asarray(x.base.allocation.right_inverse) @ W).max() for x in (plain, rotors)]
+    assert required[0] > 0.1
+    assert required[1] < 1e-3
+    assert plain.base.allocation.yaw_gain is None
+    f = np.array([0.05, -0.05])
+    np.testing.assert_allclose(levers @ np.asarray(rotors.base.allocation.yaw_gain) @ f, f, atol=1e-3)
+
+
+def with_motors():
+    return python_api.load_scenario("paper", {"actuators": MOTORS}).actuators

@@ -1,15 +1,16 @@
 """Linear allocation of a payload wrench to contact forces, with internal forces.
 
 In the payload frame the grasp matrix `G = [I ...; hat(c) ...]` is constant. A right inverse and a basis of its null
-space are therefore computed once. Least-squares and leader-follower allocation are both an `AllocationMap`.
+space are therefore computed once. All allocations here are an `AllocationMap`.
 
 See Also:
-    docs/decisions/0005-general-force-allocation: reasons for the two allocations.
+    docs/decisions/0005-general-force-allocation: reasons for the allocations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,11 +29,32 @@ RANK_REGULARIZATION = 1e-9
 
 @pytree
 class AllocationMap:
-    """Linear map `lam = right_inverse W + nullspace eta + offset`, in the payload frame, contacts stacked."""
+    """Linear map `lam = right_inverse W + nullspace eta + offset + yaw_gain f`, in the payload frame, contacts stacked.
+
+    The residual yaw torques f of the agents are used by allocations for rotors only.
+    """
 
     right_inverse: Float[Array, "rows 6"]  # right inverse of the grasp matrix, forces [N] and moments [N m] to forces
     nullspace: Float[Array, "rows eta"]  # orthonormal basis, G nullspace = 0
     offset: Float[Array, "rows"]  # N, payload frame, constant internal force lam_f0 of Eq. follower_force
+    yaw_gain: Float[Array, "rows agents"] | None = None  # 1/m, internal forces per residual yaw torque; None: not used
+
+
+class YawTorques(NamedTuple):
+    """Yaw torques `tau = levers lam - f` that agents in hover require, with the residual yaw torques f.
+
+    Attributes:
+        levers: Moments about the vertical through each base, one row per agent, for contact forces in the payload
+            frame, contacts stacked [m].
+        moment_ratio: Ratio of reaction torque to force of a rotor, `c_M` [m].
+    """
+
+    levers: np.ndarray
+    moment_ratio: float
+
+    def thrust_rows(self) -> np.ndarray:
+        """Return the map from contact forces to the thrusts that the rotor forces of these torques could generate."""
+        return self.levers / self.moment_ratio
 
 
 def allocate(
@@ -102,6 +124,37 @@ def least_squares_allocation(c: np.ndarray) -> AllocationMap:
         right_inverse=jnp.asarray(np.linalg.pinv(G)),
         nullspace=jnp.asarray(grasp.grasp_nullspace(c)),
         offset=jnp.zeros(3 * len(c)),
+    )
+
+
+def rotor_allocation(c: np.ndarray, yaw: YawTorques) -> AllocationMap:
+    """Build the allocation that minimizes squared contact forces and squared yaw torques of the agents.
+
+    Rotors generate a yaw torque tau by forces that could generate the thrust `tau / c_M`. With the yaw torques
+    `Y lam - f`, the contact forces minimize::
+
+        |lam|^2 + |(Y lam - f) / c_M|^2    subject to G lam = W
+
+    Args:
+        c: Contact points, one per row [m, payload frame].
+        yaw: Yaw torques.
+
+    Returns:
+        The allocation; `f` is its input `yaw_gain`.
+
+    Raises:
+        ValueError: If the contacts cannot apply every wrench.
+    """
+    base, rows = least_squares_allocation(c), yaw.thrust_rows()
+    G, Z = grasp.payload_frame_grasp_matrix(c), np.asarray(base.nullspace)
+    H = np.eye(3 * len(c)) + rows.T @ rows
+    weighted = np.linalg.solve(H, G.T)
+    gain = Z @ np.linalg.solve(Z.T @ H @ Z, Z.T @ rows.T) / yaw.moment_ratio
+    return AllocationMap(
+        right_inverse=jnp.asarray(weighted @ np.linalg.inv(G @ weighted)),
+        nullspace=base.nullspace,
+        offset=base.offset,
+        yaw_gain=jnp.asarray(gain),
     )
 
 

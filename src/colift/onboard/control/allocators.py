@@ -7,6 +7,7 @@ import dataclasses
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from colift.math import linalg
 from colift.math.pytree import pytree
 from colift.models import grasp
 from colift.onboard.control.allocation import AllocationMap, allocate, allocate_to_closed_contacts
@@ -40,7 +41,7 @@ class LinearAllocator:
     def allocate(
         self, state: PartState, context: ControlContext, demand: AllocationDemand
     ) -> tuple[ContactForceCommand, PartState]:
-        """Compute `lam = G^+ W + Z eta + offset`; see `Allocator`. Its rate contains that of the wrench only.
+        """Compute the contact forces of the linear map; see `Allocator`. Their rate contains that of the wrench only.
 
         Open contacts have no force; the others then apply the wrench (`allocate_to_closed_contacts`).
         """
@@ -48,6 +49,9 @@ class LinearAllocator:
         eta = base.smooth_pulse(context.clock.t, schedule.start, schedule.end, schedule.ramp) * schedule.eta
         rate = dataclasses.replace(self.allocation, offset=jnp.zeros_like(self.allocation.offset))
         lam = allocate(self.allocation, R, demand.W, eta)
+        if (gain := self.allocation.yaw_gain) is not None:
+            f_yaw = jnp.concatenate([f.f_w[:, 2] for f in demand.f_hat.agents])
+            lam = lam + linalg.matvec(gain, f_yaw).reshape(-1, 3) @ R.T
         lam_dot = allocate(rate, R, demand.W_dot, jnp.zeros_like(eta))
         if (closed := context.team.closed_contacts) is not None:
             c = grasp.contact_points(context.team)

@@ -31,6 +31,7 @@ from colift.math.pytree import constant, pytree
 from colift.models import grasp
 from colift.models.parameters import Team
 from colift.onboard.control import cone_program
+from colift.onboard.control.allocation import YawTorques
 from colift.onboard.control.allocators import LinearAllocator
 from colift.onboard.interfaces import (
     AllocationDemand,
@@ -201,7 +202,12 @@ class ConstrainedAllocator:
 
 
 def constrained_allocator(
-    team: Team, base: LinearAllocator, tilt: float, limits: ContactLimits, max_iterations: int = 100
+    team: Team,
+    base: LinearAllocator,
+    tilt: float,
+    limits: ContactLimits,
+    max_iterations: int = 100,
+    yaw: YawTorques | None = None,
 ) -> ConstrainedAllocator:
     """Build the allocation within limits; its matrices are computed on the host.
 
@@ -211,6 +217,7 @@ def constrained_allocator(
         tilt: Largest angle between a commanded thrust and the vertical [rad].
         limits: Limits of the contact forces.
         max_iterations: Largest number of iterations in a control period.
+        yaw: Yaw torques of the agents, whose changes cost as much as in `rotor_allocation`; None: they cost nothing.
 
     Returns:
         The allocator.
@@ -239,6 +246,8 @@ def constrained_allocator(
         total = np.kron(owner == j, np.eye(3))
         P = P + LATERAL_WEIGHT * total[:2].T @ total[:2]
         rows.append(mass[j] * np.hstack([np.eye(3), np.cross(center[j], np.eye(3))]) @ acceleration_map + total)
+    if yaw is not None:
+        P = P + yaw.thrust_rows().T @ yaw.thrust_rows()
     A = np.vstack([*rows, np.eye(3 * len(c)), slack_map @ acceleration_map])
     is_limited = any(x is not None for x in (limits.friction, limits.min_force, limits.max_force))
     steps = step_sizes(len(mass), len(c), is_limited)
