@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from colift.closed_loop import part_checks
 from colift.math import so3
-from colift.models import aerial_manipulator, grasp, parameters
+from colift.models import grasp, parameters
 from colift.models.parameters import Team
 from colift.models.state import GeneralizedForce, ResidualForces, Wrench, zero_residual
 from colift.onboard import controller, interfaces
@@ -207,14 +207,7 @@ def yaw_torques(settings: schema.Scenario, nominal: Team) -> YawTorques | None:
     if not isinstance(actuators, schema.LaggedMotors) or actuators.rotors is None:
         return None
     R = np.asarray(trajectories.setpoint(trajectories.make_reference(settings), array(0.0)).R)
-    agents, first = agents_in_hover(settings, nominal), 0
-    levers = np.zeros((len(agents), sum(at.agent.tree.arms for at in agents), 3))
-    for row, at in zip(levers, agents, strict=True):
-        heading = np.asarray(so3.from_axis_angle(jnp.array([0.0, 0.0, 1.0]), array(at.yaw)))
-        tips = np.asarray(aerial_manipulator.forward_kinematics(at.agent, at.posture).points[-at.agent.tree.arms :])
-        row[first : first + len(tips)] = np.cross([0.0, 0.0, 1.0], tips @ heading.T) @ R  # e_z . (p x lam)
-        first += len(tips)
-    return YawTorques(levers.reshape(len(agents), -1), actuators.rotors.moment_ratio_m)
+    return YawTorques(bound_tips.yaw_levers(agents_in_hover(settings, nominal), R), actuators.rotors.moment_ratio_m)
 
 
 def _contact_forces(settings: schema.Scenario, nominal: Team) -> contact_forces.ContactForceEstimator:

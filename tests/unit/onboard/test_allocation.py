@@ -193,7 +193,7 @@ def test_follower_offset_must_be_internal():
 
 @given(seed=seeds)
 def test_rotor_allocation_minimizes_forces_and_yaw_torques(seed):
-    """The oracle eliminates `G lam = W` and solves a dense least-squares problem in internal forces."""
+    """The expected forces eliminate `G lam = W` and solve a dense least-squares problem in internal forces."""
     rng = np.random.default_rng(seed)
     c, agents = contacts(rng, int(rng.integers(3, 7))), int(rng.integers(1, 4))
     yaw = allocation.YawTorques(rng.normal(size=(agents, 3 * len(c))), float(rng.uniform(0.01, 1)))

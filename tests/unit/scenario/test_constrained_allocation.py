@@ -79,7 +79,7 @@ MOTORS = {
 
 @pytest.mark.parametrize("name", ["paper", "uneven"])
 def test_yaw_torques_of_rotors_are_moments_about_the_bases(name):
-    """The oracle takes the moments of random contact forces about each base, at rest on the reference."""
+    """The expected values are moments of random contact forces about each base, at rest on the reference."""
     settings = python_api.load_scenario(name, {"actuators": MOTORS})
     _, nominal = team.team(settings)
     state = initial_states.equilibrium_state(settings, nominal)
@@ -97,7 +97,7 @@ def test_yaw_torques_of_rotors_are_moments_about_the_bases(name):
     assert controllers.yaw_torques(python_api.load_scenario(name), nominal) is None
 
 
-def test_agents_with_rotors_need_less_yaw_torque_for_a_yaw_moment():
+def test_agents_with_rotors_need_little_yaw_torque():
     """Residual yaw torques of opposite signs change the internal forces of the preferred distribution."""
     settings = load()
     _, nominal = team.team(settings)

@@ -181,3 +181,21 @@ def default_yaw_gains(zero: float, k_R: float, k_omega: float) -> tuple[float, f
     if k_R <= limit:
         return k_R, k_omega
     return limit, min(k_omega, 2 * DAMPING_RATIO * float(np.sqrt(limit)))
+
+
+def yaw_levers(team: Sequence[HoverAgent], R: np.ndarray) -> np.ndarray:
+    """Compute the moments of contact forces about the vertical through each base, `e_z . (p x lam)`.
+
+    Args:
+        team: Agents.
+        R: Payload attitude, payload to world.
+
+    Returns:
+        Levers for contact forces in the payload frame, contacts stacked, one row per agent [m].
+    """
+    levers, first = np.zeros((len(team), sum(at.agent.tree.arms for at in team), 3)), 0
+    for row, at in zip(levers, team, strict=True):
+        tips = np.asarray(aerial_manipulator.forward_kinematics(at.agent, at.posture).points[-at.agent.tree.arms :])
+        row[first : first + len(tips)] = np.cross([0.0, 0.0, 1.0], tips @ rotation_z(at.yaw).T) @ R
+        first += len(tips)
+    return levers.reshape(len(team), -1)

@@ -26,7 +26,7 @@ class Rotors(Section):
     """Rotors on a circle with alternating directions, each with a thrust from 0 to `thrust_max_N` over their number.
 
     A command that exceeds these limits is reduced in yaw first, then in thrust, then in roll and pitch. A yaw
-    torque of 5 % of the rotors' largest forces is kept longer than the thrust.
+    torque of 2 % of the rotors' largest forces is kept longer than the thrust.
     """
 
     num_rotors: Annotated[fields.RotorCount, AfterValidator(_even)]
