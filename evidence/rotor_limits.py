@@ -6,8 +6,8 @@ three kinds of items:
 - `C1 30 301`: one case, limit [N] and seed. The flight ends where the payload is 3 m from its reference.
 - `C1 share 301`: one case at 95 % of its rotor need. The rotor need is the mean over time and agents, in the flight at
   50 N, of the number of rotors times the largest rotor force. The payload may sink, and the attitude error counts.
-- `C1 least_squares 301`: the same at 95 % of the rotor need of the least-squares allocation, which requires more yaw
-  torque.
+- `C1 least_squares 301`: the same flight, with constrained allocation, at 95 % of the rotor need of a flight with least
+  squares. Least squares requires more yaw torque, so this limit can exceed the flight's own need.
 """
 
 from __future__ import annotations

@@ -33,3 +33,19 @@ def test_a_coarse_grid_of_the_first_seed_comes_first():
     items = rotor_limits.items()
     assert items[:2] == ["C1 29 301", "C1 30 301"]
     assert len(items) == len(set(items)) == 3 * (43 * 5 + 2 * 20)
+
+
+def test_the_need_of_least_squares_limits_a_constrained_flight(monkeypatch):
+    """Both flights of an item have the constrained allocation, except that of the need."""
+    flown = []
+    monkeypatch.setattr(rotor_limits, "fly", lambda *arguments: flown.append(arguments))
+    monkeypatch.setattr(rotor_limits, "rotor_need", lambda _: 40.0)
+    monkeypatch.setattr(rotor_limits, "found", lambda _: {"attitude_deg": 11.0})
+    for kind, allocation in rotor_limits.NEEDS.items():
+        flown.clear()
+        item = f"C3 {kind} 301"
+        result = rotor_limits.simulate_item(item)
+        assert flown == [("C3", 50.0, 301, 3.0, allocation), ("C3", 38.0, 301, 1000.0)]
+        assert result["need_N"] == 40.0
+        (target,) = [x for x in rotor_limits.targets({item: result}) if x.note == "0 of 1 flights"]
+        assert target.description.endswith("of least squares") == (kind == "least_squares")

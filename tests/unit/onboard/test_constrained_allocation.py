@@ -12,7 +12,7 @@ from colift.math import so3
 from colift.models import grasp
 from colift.models.state import add_payload_wrench, zero_residual
 from colift.onboard import controller, interfaces
-from colift.onboard.control import constrained_allocation, payload_controllers, tracking
+from colift.onboard.control import allocation, constrained_allocation, payload_controllers, tracking
 from colift.onboard.learning import residual_predictors
 from tests.support import paper_flights as paper
 
@@ -87,6 +87,25 @@ def test_thrusts_stay_within_their_limits(thrust):
     np.testing.assert_allclose(forces.acceleration.alpha[:2], [1, -1], atol=1e-3)
     roll_pitch, z, _, _ = np.asarray(forces.report.slack)
     assert (roll_pitch < 1e-3, z > 1, bool(np.asarray(forces.report.thrust).any())) == (True, True, True)
+
+
+def test_changes_at_a_thrust_limit_need_little_yaw_torque():
+    """The yaw torques are about the mean contacts of the agents."""
+    of = paper.paper_experiment("C1").controller
+    c = np.asarray(grasp.contact_points(of.team)).reshape(2, 2, 3)
+    levers = np.zeros((2, 2, 2, 3))
+    for j in range(2):
+        levers[j, j] = np.cross([0, 0, 1], c[j] - c[j].mean(0))
+    yaw = allocation.YawTorques(levers.reshape(2, 12), 0.016)
+    limits, largest = constrained_allocation.ContactLimits(), []
+    for torques in (None, yaw):
+        part = constrained_allocation.constrained_allocator(
+            of.team, of.allocator, np.deg2rad(35), limits, 5000, yaw=torques
+        )
+        forces, preferred, _, _, now = allocated(part, 26, [0.5, 1, 2, 1, -1, 3], roll=0.3)
+        change = np.asarray((forces.lam - preferred.lam) @ now.estimate.payload.R).ravel()
+        largest.append(np.abs(yaw.levers @ change).max())
+    assert largest[1] < 0.1 * largest[0]
 
 
 def test_contacts_press_within_their_friction_cones():

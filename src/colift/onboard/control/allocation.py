@@ -29,9 +29,9 @@ RANK_REGULARIZATION = 1e-9
 
 @pytree
 class AllocationMap:
-    """Linear map `lam = right_inverse W + nullspace eta + offset + yaw_gain f`, in the payload frame, contacts stacked.
+    """Linear map `lam = right_inverse W + nullspace eta + offset`, in the payload frame, contacts stacked.
 
-    The residual yaw torques f of the agents are used by allocations for rotors only.
+    `LinearAllocator` adds `yaw_gain f` for the residual yaw torques f of agents with rotors.
     """
 
     right_inverse: Float[Array, "rows 6"]  # right inverse of the grasp matrix, forces [N] and moments [N m] to forces
@@ -140,7 +140,7 @@ def rotor_allocation(c: np.ndarray, yaw: YawTorques) -> AllocationMap:
         yaw: Yaw torques.
 
     Returns:
-        The allocation; `f` is its input `yaw_gain`.
+        The allocation; its `yaw_gain` maps f to contact forces.
 
     Raises:
         ValueError: If the contacts cannot apply every wrench.

@@ -137,8 +137,9 @@ class CommandLink:
 
         With the share ``s = min(1, exp(-(age - hold_time) / fade_time))`` of the commanded acceleration `(a, alpha)`::
 
-            acceleration = s (a, alpha),    lam = lam_0 - (1 - s) G^+ (m a, J alpha)
+            acceleration = s (a, alpha),    lam = lam_0 - (1 - s) B (m a, J alpha)
 
+        B is the right inverse of the grasp matrix in the allocation (`AllocationMap.right_inverse`).
         Rates are multiplied by s. The same applies to each time of the preview.
 
         Args:

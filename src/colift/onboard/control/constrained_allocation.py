@@ -9,8 +9,9 @@ Each control period solves one cone program in the contact forces `lam`, in the 
 - slack `S (acc - acc_cmd)` [N] with mass and inertia of the team, the moment divided by the contacts' lever about its
   axis, with penalties for roll and pitch, then yaw, then z, then x and y.
 
-Deviations from the preferred distribution `lam_0 = G^+ W + Z eta` cost little. The sum of an agent's contact forces in
-the xy plane of the payload costs a hundred times more, because it tilts the agent of a level payload.
+Deviations from the preferred distribution `lam_0` of a linear allocation cost little. The sum of an agent's contact
+forces in the xy plane of the payload costs a hundred times more, because it tilts the agent of a level payload. For
+agents with rotors, changes of their yaw torques have the costs of `allocation.rotor_allocation`.
 
 See Also:
     colift.onboard.control.cone_program: the program and its solver.

@@ -133,7 +133,7 @@ class ConstrainedAllocation(LimitedContacts, _Allocation):
     """Allocation within limits of thrust, tilt and contact forces.
 
     It prefers the least-squares allocation with `internal`, which is the grip where contacts can only press. With
-    `actuators.rotors` it prefers contact forces for which the agents need little yaw torque.
+    `actuators.rotors` it prefers contact forces that require little yaw torque of the agents.
 
     Where the limits do not permit the commanded acceleration, roll and pitch of the payload are kept first, then
     yaw, then the vertical, then the horizontal acceleration. Open contacts are detected with
