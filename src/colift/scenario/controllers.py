@@ -51,7 +51,7 @@ from colift.onboard.learning import kalman_correction, label_filter, residual_co
 from colift.onboard.learning.recorder import DataRecorder, RigRecorder
 from colift.scenario import priors, schema, trajectories
 from colift.scenario import team as team_module
-from colift.scenario.conversion import actuator_lag, array, build_plugin, once, rotor_mixer
+from colift.scenario.conversion import actuator_lag, array, build_plugin, once, rotor_mixer, rotor_settings
 from colift.scenario.errors import ScenarioError
 
 
@@ -203,11 +203,11 @@ def _constrained(
 
 def yaw_torques(settings: schema.Scenario, nominal: Team) -> YawTorques | None:
     """Return the yaw torques in hover at the start of the reference; None for actuators without rotors."""
-    actuators = settings.actuators
-    if not isinstance(actuators, schema.LaggedMotors) or actuators.rotors is None:
+    ring = rotor_settings(settings)
+    if ring is None:
         return None
     R = np.asarray(trajectories.setpoint(trajectories.make_reference(settings), array(0.0)).R)
-    return YawTorques(bound_tips.yaw_levers(agents_in_hover(settings, nominal), R), actuators.rotors.moment_ratio_m)
+    return YawTorques(bound_tips.yaw_levers(agents_in_hover(settings, nominal), R), ring.moment_ratio_m)
 
 
 def _contact_forces(settings: schema.Scenario, nominal: Team) -> contact_forces.ContactForceEstimator:
@@ -350,7 +350,7 @@ def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.Effectiven
 
     A rotor at its limit gives less thrust than commanded, which the filter would take for a loss.
     """
-    if isinstance(settings.actuators, schema.LaggedMotors) and settings.actuators.rotors is not None:
+    if rotor_settings(settings) is not None:
         return None
     return effectiveness.EffectivenessFilter(residual_std=array(settings.learning.agents.signal_std.force_N))
 
@@ -567,13 +567,13 @@ def _payload_filter(settings: schema.Scenario, nominal: Team) -> payload_filter.
 
 
 def _drive(settings: schema.Scenario, team: Team) -> interfaces.ActuatorCompensator:
-    nominal, true = settings.nominal.actuators, settings.actuators
+    nominal, ring = settings.nominal.actuators, rotor_settings(settings)
     drive: actuator_compensation.LagInversion | actuator_compensation.NoCompensation
     if nominal is None:
         drive = actuator_compensation.NoCompensation()
     else:
         drive = actuator_compensation.LagInversion(lag=actuator_lag(nominal, settings))
-    if not isinstance(true, schema.LaggedMotors) or true.rotors is None:
+    if ring is None:
         return drive
-    limits = tuple(rotor_mixer(true.rotors, group.thrust_max) for group in team.agent_groups)
+    limits = tuple(rotor_mixer(ring, group.thrust_max) for group in team.agent_groups)
     return actuator_compensation.KnownRotorLimits(base=drive, limits=limits)

@@ -134,6 +134,11 @@ def check_plugin(check: Callable[..., None], *arguments: Any) -> None:
         raise ScenarioError(f"{error} (docs/change_a_part.md)") from error
 
 
+def rotor_settings(settings: schema.Scenario) -> schema.Rotors | None:
+    """Return the rotors of every vehicle; None for actuators without limits of single rotors."""
+    return settings.actuators.rotors if isinstance(settings.actuators, schema.LaggedMotors) else None
+
+
 def rotor_mixer(ring: schema.Rotors, thrust_max: Array) -> RotorMixer:
     """Return the rotors of a group of agents.
 

@@ -15,7 +15,7 @@ from colift.models.parameters import Team
 from colift.models.state import ResidualForces, State
 from colift.scenario import schema
 from colift.scenario import team as team_module
-from colift.scenario.conversion import actuator_lag, array, build_plugin, rotor_mixer
+from colift.scenario.conversion import actuator_lag, array, build_plugin, rotor_mixer, rotor_settings
 from colift.scenario.errors import ScenarioError
 from colift.simulation import actuators, contact_dynamics, disturbances, faults, sensor_faults
 from colift.simulation.sensors import (
@@ -132,9 +132,9 @@ def _mixers(settings: schema.Scenario, truth: Team) -> tuple[RotorMixer, ...]:
 
 def _ring(settings: schema.Scenario) -> schema.Rotors:
     """Return the rotors of a scenario with faults of single rotors, which the checks of the settings require."""
-    assert isinstance(settings.actuators, schema.LaggedMotors)
-    assert settings.actuators.rotors is not None
-    return settings.actuators.rotors
+    ring = rotor_settings(settings)
+    assert ring is not None  # for the type checker
+    return ring
 
 
 SIZE_OF_FAILURES = 100
