@@ -176,13 +176,18 @@ def bearable_met(flights: dict[str, dict[str, Any]]) -> bool:
     )
 
 
+def dip_met(flight: dict[str, Any]) -> bool:
+    """Return whether the position error 4 s to 5 s after a dip is within the limit."""
+    return not flight["termination_reason"] and flight["last_second_m"] <= DIP_RATIO * flight["before_m"]
+
+
 def loss_met(flights: dict[str, dict[str, Any]], name: str) -> bool:
     """Return whether a flight with a loss meets the limit of its position error."""
     flight = flights[name]
+    if name == "dip":
+        return dip_met(flight)
     if flight["termination_reason"]:
         return False
-    if name == "dip":
-        return flight["last_second_m"] <= DIP_RATIO * flight["before_m"]
     return flight["e_p_rms_m"] <= LOSS_RATIO * flights["unlimited"]["e_p_rms_m"]
 
 

@@ -8,6 +8,8 @@ three kinds of items:
   50 N, of the number of rotors times the largest rotor force. The payload may sink, and the attitude error counts.
 - `C1 least_squares 301`: the same flight, with constrained allocation, at 95 % of the rotor need of a flight with least
   squares. Least squares requires more yaw torque, so this limit can exceed the flight's own need.
+- `C1 dip 301`: the rotors of all agents have 90 % of the rotor need from 12 s to 15 s, by a loss of effectiveness. The
+  limit is 50 N, and the position error has no bound, since a bound limits the speed of return.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from colift.analysis import metrics
 from colift.closed_loop.flight import FlightResult, run_experiment
 from colift.models.actuator_lag import ring_mixer
 from colift.scenario import Scenario, experiment
-from evidence import collect
+from colift.scenario import team as team_module
+from evidence import collect, limits
 from evidence.targets import Target, report
 
 CASES = ("C1", "C3", "adaptive")
@@ -79,9 +82,22 @@ def rotor_need(flight: FlightResult) -> float:
     return float(count * (inputs @ np.asarray(mixer.mixer).T).max(-1).mean())
 
 
+def dip(case: str, seed: int) -> dict[str, Any]:
+    """Return the rotor need [N] and the metrics of a flight with a dip of the rotor forces."""
+    base = rotor_scenario(LIMITS[-1], seed, 1000.0)
+    need = rotor_need(fly(case, LIMITS[-1], seed))
+    without_bound = base.control.model_dump() | {"position_error_bound_m": None}
+    settings = limits.changed(base, duration_s=limits.DURATION, control=without_bound)
+    shares = dict.fromkeys(team_module.agent_names(base), limits.REMAINING * need / LIMITS[-1])
+    settings = limits.with_losses(settings, shares, limits.DIP_END)
+    return limits.found(run_experiment(experiment.make_experiment(settings, case))) | {"need_N": need}
+
+
 def simulate_item(item: str) -> dict[str, Any]:
     """Return the metrics of the flight of an item, and the rotor need [N] of an item at a share of it."""
     case, limit, seed = item.split()
+    if limit == "dip":
+        return dip(case, int(seed))
     if limit not in NEEDS:
         return found(fly(case, float(limit), int(seed)))
     need = rotor_need(fly(case, LIMITS[-1], int(seed), 3.0, NEEDS[limit]))
@@ -98,7 +114,8 @@ def items() -> list[str]:
     ]
     grid = [f"{case} {limit:g} {seed}" for s, c, x in orders for seed, case, limit in itertools.product(s, c, x)]
     shares = [f"{case} {kind} {seed}" for kind in NEEDS for seed in SHARE_SEEDS for case in CASES]
-    return list(dict.fromkeys(grid + shares))
+    dips = [f"{case} dip {seed}" for seed in SEEDS for case in CASES]
+    return list(dict.fromkeys(grid + shares + dips))
 
 
 def worse(flight: dict[str, Any], larger: dict[str, Any]) -> bool:
@@ -137,6 +154,13 @@ def targets(of: dict[str, Any]) -> list[Target]:
         description = f"{case}: attitude error within {ATTITUDE_DEG:g} degrees at {100 * SHARE:g} % of the rotor need"
         description += " of least squares" if kind == "least_squares" else ""
         measured = 100 * sum(bounded) / len(bounded) if bounded else np.nan
+        result.append(Target(description, measured, least=100.0, unit="% of flights", note=note))
+    for case in CASES:
+        flights = [of[item] for seed in SEEDS if (item := f"{case} dip {seed}") in of]
+        met = [limits.dip_met(flight) for flight in flights]
+        description = f"{case}: dip to {100 * limits.REMAINING:g} % of the rotor need: error 4 s to 5 s after it"
+        measured = 100 * sum(met) / len(met) if met else np.nan
+        note = f"{sum(met)} of {len(met)} flights"
         result.append(Target(description, measured, least=100.0, unit="% of flights", note=note))
     return result
 

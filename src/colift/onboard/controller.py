@@ -334,15 +334,16 @@ class LeaderFollowerController:
             initialized=state.initialized,
             last_shortfall=state.last_shortfall,
         )
-        corrector, residual = state.corrector, None
+        corrector = state.corrector
         if self.residual_corrector is not None:
             observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
             correction, corrector = self.residual_corrector.update(corrector, observation, clock)
-            residual = jax.tree.map(jnp.add, observation.prediction, correction.error)
             context = dataclasses.replace(context, correction=correction)
         if health is not None:
             modelled = state.last_f_hat if context.correction is None else context.correction.prediction
             effectiveness = health.update(effectiveness, team, estimate, modelled, applied, clock.dt)
+            change = health.label_change(state.effectiveness, effectiveness, team, applied)
+            context, corrector = self._without_explained_error(context, corrector, change)
             context = dataclasses.replace(context, team=health.limited(effectiveness, team))
         predictor = self.residual_predictor.update(state.control_law.predictor, self.residual_model, context)
         requested, control_law, telemetry = self.control_law(
@@ -360,13 +361,35 @@ class LeaderFollowerController:
             last_command=command,
             actuator=actuator,
             last_wrench=telemetry.W_d,
-            last_f_hat=telemetry.f_hat if residual is None else residual,
+            last_f_hat=telemetry.f_hat if context.correction is None else context.correction.corrected,
             last_shortfall=telemetry.shortfall,
             initialized=jnp.ones(()),
             effectiveness=effectiveness,
             open_contacts=open_contacts,
         )
         return command, state, telemetry
+
+    def _without_explained_error(
+        self, context: ControlContext, corrector: PartState, change: tuple[Float[Array, "_agents"], ...]
+    ) -> tuple[ControlContext, PartState]:
+        """Remove the part of the correction that a change of rotor effectiveness explains.
+
+        Args:
+            context: Context with the correction of this control period.
+            corrector: State of the corrector.
+            change: Change of the labels along the thrust axes by the change of effectiveness, by group [N].
+
+        Returns:
+            Context and state; the given ones without a corrector.
+        """
+        correction = context.correction
+        if correction is None or self.residual_corrector is None:
+            return context, corrector
+        part = residual_correction.explained_error(correction.error, context.estimate, change)
+        correction = dataclasses.replace(
+            correction, error=part.removed_from(correction.error), rate=part.removed_from(correction.rate)
+        )
+        return dataclasses.replace(context, correction=correction), self.residual_corrector.remove(corrector, part)
 
     def control_law(
         self, state: ControlLawState, context: ControlContext

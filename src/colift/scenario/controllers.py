@@ -268,7 +268,10 @@ def make_controller(settings: schema.Scenario, nominal: Team) -> controller.Lead
         if isinstance(settings.allocation, schema.ConstrainedAllocation):
             allocator = _constrained(settings, nominal, linear)
     if isinstance(settings.allocation, schema.ConstrainedAllocation):
-        health, monitor = _effectiveness_filter(settings), _contact_monitor(settings, nominal)
+        health, monitor = (
+            effectiveness.EffectivenessFilter(residual_std=array(settings.learning.agents.signal_std.force_N)),
+            _contact_monitor(settings, nominal),
+        )
     bound = settings.control.position_error_bound_m
     recorder = RigRecorder if learning.rig_label_error is not None else DataRecorder
     preview_step = settings.control.preview_step_s
@@ -343,16 +346,6 @@ def _assembly_allocator(settings: schema.Scenario, gain: tracking.Gains) -> rigi
                 "one rigid body with the payload"
             )
     return rigid_assembly.RigidAssemblyAllocator(gains=gain)
-
-
-def _effectiveness_filter(settings: schema.Scenario) -> effectiveness.EffectivenessFilter | None:
-    """Return the estimate of rotor effectiveness; None for actuators with limits of single rotors.
-
-    A rotor at its limit gives less thrust than commanded, which the filter would take for a loss.
-    """
-    if rotor_settings(settings) is not None:
-        return None
-    return effectiveness.EffectivenessFilter(residual_std=array(settings.learning.agents.signal_std.force_N))
 
 
 def _contact_monitor(settings: schema.Scenario, nominal: Team) -> contact_monitor.ContactMonitor | None:

@@ -332,13 +332,14 @@ class SimulatedWorld:
         if self.faults is not None:
             inputs, rotor_forces = self.faults.limit(inputs, state.rotor_forces, t)
         f = self.disturbance_forces(state.state, t, state.disturbances)
-        regrasped = state.regrasped
-        if self.faults is not None:
+        regrasped, team = state.regrasped, self.team_at(t, state.regrasped)
+        closing = team  # impacts are at the end of the period, and the ground truth is that at its start
+        if self.faults is not None and regrasped is not None:
             regrasped = self.faults.regrasps(self.closed_team_at(t), state.state, regrasped, t)
-        team = self.team_at(t, regrasped)
+            closing = self.team_at(t, regrasped)
         a, lam = self.plant.forward_dynamics(team, state.state, inputs, f)
         z = self.plant.step(
-            team, state.state, inputs, lambda z, s: self.disturbance_forces(z, t + s, state.disturbances), dt
+            closing, state.state, inputs, lambda z, s: self.disturbance_forces(z, t + s, state.disturbances), dt
         )
         next_state = WorldState(
             state=z,

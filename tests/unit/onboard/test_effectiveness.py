@@ -8,10 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from colift.models.state import AgentInput, ResidualForces, zero_residual
+from colift.models.state import AgentInput, ControlClock, ResidualForces, zero_residual
 from colift.onboard.estimation import effectiveness
 from colift.onboard.estimation.state_estimator import StateEstimate, TrainingSample
+from colift.onboard.learning import residual_correction
+from colift.scenario import experiment
 from tests.support import paper_flights as paper
+from tests.support import small_team
 
 DT = 0.002
 TEAM = paper.paper_experiment("C1").controller.team
@@ -113,3 +116,45 @@ def test_a_residual_that_the_model_predicts_is_no_loss():
     for _ in range(3):
         state = FILTER.update(state, TEAM, estimated(force), predicted, command(np.full(2, 25.0)), jnp.asarray(DT))
     np.testing.assert_allclose(state.estimate, 1.0)
+
+
+def test_a_change_of_effectiveness_changes_labels_by_the_assumed_thrust():
+    before = simulate(0.5, 0.01)[-1][2]
+    after = dataclasses.replace(before, in_use=jnp.array([0.5, 1.0]))
+    (change,) = FILTER.label_change(before, after, TEAM, command(np.array([20.0, 25.0])))
+    np.testing.assert_allclose(change, (before.in_use - after.in_use) * jnp.array([20.0, 25.0]))
+    state, axes = before, np.asarray(paper.paper_experiment("C1").initial_state.agents[0].R)[:, :, 2]
+    for _ in range(200):
+        missing = (np.array([0.5, 1.0]) - np.asarray(state.in_use)) * 25.0
+        state = update(state, jnp.asarray(missing[:, None] * axes), jnp.full(2, 25.0))
+    (total,) = FILTER.label_change(FILTER.init(TEAM), state, TEAM, command(np.full(2, 25.0)))
+    np.testing.assert_allclose(total, [12.5, 0.0], atol=0.1)
+
+
+def test_the_controller_compensates_a_detected_loss_once():
+    """The correction contained the loss before its detection. Afterwards the thrust limit contains it alone."""
+    of = experiment.make_experiment(small_team.settings(), "adaptive")
+    onboard, clock = of.controller, ControlClock(t=jnp.array(1.0), dt=jnp.array(DT))
+    onboard = dataclasses.replace(onboard, effectiveness_filter=FILTER)
+    measurement = of.world.measure_at_rest(of.initial_state)
+
+    @jax.jit
+    def corrected(loss: jax.Array) -> jax.Array:
+        """Return the correction along the thrust axis of the first agent, before and after a period with a loss."""
+        inputs, state = onboard.init(measurement, clock)
+        size = state.effectiveness.in_use.at[0]
+        found = dataclasses.replace(state.effectiveness, estimate=size.set(1 - loss))
+        error = zero_residual(onboard.team)
+        agents = tuple(dataclasses.replace(f, f_x=f.f_x.at[0, 2].set(-6.0)) for f in error.agents)
+        error = residual_correction.flatten(dataclasses.replace(error, agents=agents))
+        certain = tuple(1e-6 * x for x in state.corrector.P)  # one label changes the error by little
+        corrector = dataclasses.replace(state.corrector, d=error, P=certain, initialized=jnp.ones(()))
+        state = dataclasses.replace(state, effectiveness=found, corrector=corrector, initialized=jnp.ones(()))
+        _, state, _ = onboard.step(state, measurement, clock)
+        d = residual_correction.unflatten(state.corrector.d, zero_residual(onboard.team))
+        return jnp.stack([d.agents[0].f_x[0, 2], state.last_f_hat.agents[0].f_x[0, 2], inputs[0].u[0]])
+
+    healthy, faulty = corrected(jnp.array(0.0)), corrected(jnp.array(0.5))
+    assert healthy[2] > 10  # N: a loss of half of it is detected
+    np.testing.assert_allclose(healthy[:2], -6.0, atol=1.0)
+    np.testing.assert_allclose(faulty[:2], 0.0, atol=1e-9)

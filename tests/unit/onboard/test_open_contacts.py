@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from colift.analysis import metrics
 from colift.closed_loop import flight
 from colift.math import so3
 from colift.models import aerial_manipulator
@@ -225,6 +226,7 @@ def test_a_flight_continues_after_a_regrasp():
     assert not result.termination_reason
     assert lam[(t > 2.1) & (t < 3.9), 0].max() < 1e-8
     assert lam[t > 5, 0].min() > 1
+    assert not metrics.warn_step_size(result.records)  # the impact is no error of the time step
     assert lam[t > 4].max() < lam[(t > 2) & (t < 4)].max()
 
 

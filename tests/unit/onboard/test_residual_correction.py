@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 from typing import Any
 
 import jax
@@ -338,6 +339,83 @@ def test_model_replacement_is_bumpless(kind):
     np.testing.assert_allclose(replaced[200], stays[200], atol=tolerance[0])
     np.testing.assert_allclose(replaced, stays, atol=tolerance[1])
     np.testing.assert_allclose(rate[:201], expected[:201], atol=500 * tolerance[0])
+
+
+def explained(error: np.ndarray, axes: np.ndarray, change: np.ndarray) -> residual_correction.ExplainedError:
+    """Return the part of errors of the agents' forces that changes of effectiveness explain; other outputs are 1."""
+    z = light_experiment().initial_state
+    team = light_experiment().controller.team
+    ones = jax.tree.map(jnp.ones_like, zero_residual(team))
+    ends, agents, states = np.cumsum((0, *team.sizes)), [], []
+    for i, (f, q) in enumerate(zip(ones.agents, z.agents, strict=True)):
+        part = slice(ends[i], ends[i + 1])
+        agents.append(dataclasses.replace(f, f_x=jnp.asarray(error[part])))
+        turned = np.stack([np.linalg.qr(np.column_stack([b, np.eye(3)[:, :2]]))[0][:, [1, 2, 0]] for b in axes[part]])
+        turned *= np.sign((turned[:, :, 2] * axes[part]).sum(-1))[:, None, None]
+        states.append(dataclasses.replace(q, R=jnp.asarray(turned)))
+    estimate = StateEstimate(agents=tuple(states), payload=z.payload, a_L=jnp.zeros(6), lam=())
+    changes = tuple(jnp.asarray(change[a:b]) for a, b in itertools.pairwise(ends))
+    forces = dataclasses.replace(ones, agents=tuple(agents))
+    return residual_correction.explained_error(forces, estimate, changes)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_smallest_error_that_a_loss_explains_remains(seed):
+    """Along the thrust axis, the smallest of all errors ``d + s`` with s between 0 and the change; others stay."""
+    rng, n = np.random.default_rng(seed), sum(light_experiment().controller.team.sizes)
+    error, axes, change = rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), 2 * rng.normal(size=n)
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    if seed == 0:
+        change[:] = 0.0
+    part = explained(error, axes, change)
+    after = part.removed_from(part.error)
+    found = np.concatenate([f.f_x for f in after.agents])
+    for d, b, c, remaining in zip(error, axes, change, found, strict=True):
+        candidates = d @ b + c * np.linspace(0, 1, 100001)
+        np.testing.assert_allclose(remaining @ b, candidates[np.abs(candidates).argmin()], atol=1e-4)
+        np.testing.assert_allclose(remaining - (remaining @ b) * b, d - (d @ b) * b, atol=1e-12)
+    if seed == 0:
+        np.testing.assert_array_equal(found, error)
+    np.testing.assert_array_equal(after.agents[0].f_w, 1.0)
+    np.testing.assert_array_equal(six(after.payload), 1.0)
+
+
+def test_an_error_of_zero_contains_no_loss():
+    n = sum(light_experiment().controller.team.sizes)
+    part = explained(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), np.full(n, 10.0))
+    assert not any(np.any(f.f_x) for f in part.removed_from(part.error).agents)
+
+
+@pytest.mark.parametrize("kind", CORRECTORS)
+def test_correctors_drop_the_explained_error_and_its_rate(kind):
+    """A step of the label by 10 N follows for 5 periods. Its explanation leaves no error and no rate behind."""
+    team, corrector = light_experiment().controller.team, CORRECTORS[kind]()
+    n, up = sum(team.sizes), np.array([0.0, 0.0, 1.0])
+    zero, on = zero_residual(team), jax.tree.map(jnp.ones_like, zero_residual(team))
+    fallen = tuple(dataclasses.replace(f, f_x=f.f_x.at[:, 2].set(-10.0)) for f in zero.agents)
+
+    def step(state: Any, k: int, lost: bool) -> tuple:
+        observation = ResidualObservation(
+            label=dataclasses.replace(zero, agents=fallen) if lost else zero,
+            prediction=zero,
+            update_index=jnp.zeros((), int),
+            label_valid=on,
+            interval=constant(on, jnp.array(DT)),
+        )
+        return corrector.update(state, observation, ControlClock(t=jnp.array(k * DT), dt=jnp.array(DT)))
+
+    state = corrector.init(team)
+    for k in range(50):
+        _, state = step(state, k, lost=False)
+    for k in range(50, 55):
+        correction, state = step(state, k, lost=True)
+    before = np.concatenate([f.f_x for f in correction.error.agents])[:, 2]
+    assert (before < -0.05).all()
+    part = explained(before[:, None] * up, np.tile(up, (n, 1)), np.full(n, 10.0))
+    correction, _ = step(corrector.remove(state, part), 55, lost=False)
+    for value in (correction.error, correction.rate):
+        along = np.concatenate([f.f_x for f in value.agents])[:, 2]
+        np.testing.assert_allclose(along, 0.0, atol=1e-3 * np.abs(before).max())
 
 
 def test_kalman_filter_without_labels_returns_to_the_model():

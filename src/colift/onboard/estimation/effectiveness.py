@@ -105,6 +105,25 @@ class EffectivenessFilter:
             in_use=jnp.where(faulty, jnp.clip(theta, MIN_EFFECTIVENESS, 1.0), 1.0),
         )
 
+    def label_change(
+        self, before: EffectivenessState, after: EffectivenessState, team: Team, command: TeamInputs
+    ) -> tuple[Float[Array, "_agents"], ...]:
+        """Return the change of the agents' labels along their thrust axes by a change of the effectiveness in use [N].
+
+        Args:
+            before: State of the last labels.
+            after: State of the next labels.
+            team: Nominal parameters.
+            command: Inputs in effect, for effectiveness 1.
+
+        Returns:
+            The differences of the assumed thrusts, by group.
+        """
+        return tuple(
+            (old - new) * part.u
+            for old, new, part in zip(self._by_group(before, team), self._by_group(after, team), command, strict=True)
+        )
+
     def limited(self, state: EffectivenessState, team: Team) -> Team:
         """Return the team with the thrusts that the agents can still generate."""
         groups = tuple(

@@ -18,6 +18,7 @@ from colift.math.pytree import constant, pytree
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, ResidualForces
 from colift.onboard.learning.residual_correction import (
+    ExplainedError,
     Outputs,
     ResidualCorrection,
     ResidualObservation,
@@ -246,6 +247,19 @@ class ResidualKalmanFilter:
             nis=(valid * nis).sum() / jnp.maximum(valid.sum(), 1.0),
         )
         return correction, dataclasses.replace(next_state, update_index=observation.update_index)
+
+    def remove(self, state: KalmanState, part: ExplainedError) -> KalmanState:
+        """Return the state without a part of the error that has another explanation.
+
+        Args:
+            state: Filter state.
+            part: Part of the error.
+
+        Returns:
+            The state without this part of error, rate and noise of the last label; covariances are unchanged.
+        """
+        d, v, n = map(part.removed_from_outputs, (state.d, state.v, state.noise[0]))
+        return dataclasses.replace(state, d=d, v=v, noise=(n, *state.noise[1:]))
 
     def filter(
         self, state: KalmanState, f: Outputs, observation: ResidualObservation, dt: Scalar

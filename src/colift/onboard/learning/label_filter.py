@@ -18,6 +18,7 @@ from colift.models.parameters import Team
 from colift.models.state import ControlClock, zero_residual
 from colift.onboard.estimation.nav_filter import FilterBandwidths
 from colift.onboard.learning.residual_correction import (
+    ExplainedError,
     Outputs,
     ResidualCorrection,
     ResidualObservation,
@@ -145,6 +146,19 @@ class LabelFilter:
             label_valid=valid.min(),
         )
         return correction, next_state
+
+    def remove(self, state: LabelFilterState, part: ExplainedError) -> LabelFilterState:
+        """Return the state without a part of the error that has another explanation.
+
+        Args:
+            state: Filter state.
+            part: Part of the error.
+
+        Returns:
+            The state, with both stages of the filter and the error of the last label changed alike.
+        """
+        error, stage1, previous = map(part.removed_from_outputs, (state.error, state.stage1, state.previous))
+        return dataclasses.replace(state, error=error, stage1=stage1, previous=previous)
 
 
 def _low_pass(state: Outputs, x: Outputs, b: Float[Array, "*shape"]) -> Outputs:

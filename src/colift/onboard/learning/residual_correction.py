@@ -131,6 +131,63 @@ class ResidualCorrection:
     label_valid: Scalar
     nis: Scalar
 
+    @property
+    def corrected(self) -> ResidualForces:
+        """Prediction with the correction [N, N m]."""
+        return jax.tree.map(jnp.add, self.prediction, self.error)
+
+
+@pytree
+class ExplainedError:
+    """Part of a model error that a change of rotor effectiveness explains.
+
+    Labels assume the effectiveness. If it changes from `theta` to `theta_new` at the thrust u, the label of an agent
+    changes by ``c = (theta - theta_new) u`` along its thrust axis ``b_3``. The corrector followed the loss before, so
+    its error d contains a part of c. The smallest error that c can explain remains::
+
+        d <- d - rho (b_3 . d) b_3,    rho = min(max(-c / (b_3 . d), 0), 1)
+
+    Attributes:
+        error: Error d before the change [N, N m].
+        axes: Thrust axes ``b_3`` of the agents, by group.
+        share: Shares ``rho``, by group.
+    """
+
+    error: ResidualForces
+    axes: tuple[Float[Array, "_agents 3"], ...]
+    share: tuple[Float[Array, "_agents"], ...]
+
+    def removed_from(self, forces: ResidualForces) -> ResidualForces:
+        """Return an error of the model, or its rate, without the explained part."""
+        agents = tuple(
+            dataclasses.replace(f, f_x=f.f_x - (rho * (f.f_x * b).sum(-1))[:, None] * b)
+            for f, b, rho in zip(forces.agents, self.axes, self.share, strict=True)
+        )
+        return dataclasses.replace(forces, agents=agents)
+
+    def removed_from_outputs(self, outputs: Outputs) -> Outputs:
+        """Return the same for the outputs of all bodies as one vector."""
+        return flatten(self.removed_from(unflatten(outputs, self.error)))
+
+
+def explained_error(
+    error: ResidualForces, estimate: StateEstimate, change: tuple[Float[Array, "_agents"], ...]
+) -> ExplainedError:
+    """Return the part of a model error that changes of rotor effectiveness explain.
+
+    Args:
+        error: Error of the model [N, N m].
+        estimate: State estimate, with the thrust axes.
+        change: Change c of the label of each agent along its thrust axis, by group [N].
+    """
+    axes = tuple(q.R[:, :, 2] for q in estimate.agents)
+    along = [(f.f_x * b).sum(-1) for f, b in zip(error.agents, axes, strict=True)]
+    share = tuple(
+        jnp.where(d == 0, 0.0, jnp.clip(-c / jnp.where(d == 0, 1.0, d), 0.0, 1.0))
+        for c, d in zip(change, along, strict=True)
+    )
+    return ExplainedError(error=error, axes=axes, share=share)
+
 
 def zero_correction(like: ResidualForces, t: Scalar) -> ResidualCorrection:
     """Return the correction before the first label.
@@ -171,6 +228,10 @@ class ResidualCorrector(Protocol):
         self, state: Any, observation: ResidualObservation, clock: ControlClock
     ) -> tuple[ResidualCorrection, Any]:
         """Advance the estimator by one control period; return the correction and its state."""
+        ...
+
+    def remove(self, state: Any, part: ExplainedError) -> Any:
+        """Return the state whose error and rate do not contain a part that has another explanation."""
         ...
 
 
