@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from colift.math import so3
 from colift.math.linalg import backward, forward, matmul, matvec, solve, udu_eliminate
@@ -414,6 +414,30 @@ def project_to_constraints(team: Team, team_state: State) -> State:
     b = forward(U_L, sum(contribution.sum(0) for contribution in added))
     velocity, payload_motion = _motion(team_state, agents, eliminated, backward(U_L, d_L[:, None] * b))
     return retract(team_state, _shift(zero_motion, velocity, jnp.zeros(6), payload_motion))
+
+
+IMPACT_ITERATIONS = 2
+"""Newton steps after an impact that remove the products of its corrections: 1e-2 m, then 1e-4 m, then 1e-8 m."""
+
+
+def complete_impact(team: Team, state: State, closes: Bool[Array, ""]) -> State:
+    """Repeat `project_to_constraints` after the period in which a contact has closed.
+
+    The distance and the relative velocity of a closing contact are not small, so one Newton step leaves their product.
+
+    Args:
+        team: Parameters with the closed contact.
+        state: State after the period.
+        closes: Whether a contact has closed in it.
+
+    Returns:
+        The state on the constraint manifold; without an impact the given state.
+    """
+
+    def complete(z: State) -> State:
+        return jax.lax.fori_loop(0, IMPACT_ITERATIONS, lambda _, found: project_to_constraints(team, found), z)
+
+    return jax.lax.cond(closes, complete, lambda z: z, state)
 
 
 @pytree

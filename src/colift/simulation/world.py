@@ -341,6 +341,9 @@ class SimulatedWorld:
         z = self.plant.step(
             closing, state.state, inputs, lambda z, s: self.disturbance_forces(z, t + s, state.disturbances), dt
         )
+        if state.regrasped is not None and regrasped is not None:
+            closes = [(new & ~old).any() for new, old in zip(regrasped, state.regrasped, strict=True)]
+            z = contact_dynamics.complete_impact(closing, z, jnp.stack(closes).any())
         next_state = WorldState(
             state=z,
             applied_inputs=inputs,

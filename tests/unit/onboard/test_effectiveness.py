@@ -118,7 +118,7 @@ def test_a_residual_that_the_model_predicts_is_no_loss():
     np.testing.assert_allclose(state.estimate, 1.0)
 
 
-def test_a_change_of_effectiveness_changes_labels_by_the_assumed_thrust():
+def test_labels_change_by_the_change_of_the_assumed_thrust():
     before = simulate(0.5, 0.01)[-1][2]
     after = dataclasses.replace(before, in_use=jnp.array([0.5, 1.0]))
     (change,) = FILTER.label_change(before, after, TEAM, command(np.array([20.0, 25.0])))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from colift.closed_loop import flight
 from colift.models.actuator_lag import ring_mixer
 from colift.models.state import AgentInput
 from colift.onboard.control import actuator_compensation
@@ -44,3 +47,18 @@ def test_a_scenario_with_rotors_has_known_limits(lag):
     np.testing.assert_array_equal(found.limits[0].force_max, true.force_max)
     ideal = experiment.make_experiment(python_api.load_scenario("paper"), "C1").controller
     assert isinstance(ideal.actuator_compensator, actuator_compensation.NoCompensation)
+
+
+@pytest.mark.long
+def test_a_team_with_rotors_flies_on_after_a_loss_of_thrust():
+    """One vehicle keeps 44 % of its effectiveness, 90 % of its need. Without the estimate the team is lost."""
+    losses = [{"kind": "thrust", "who": "agent_1", "to": 0.44, "start_s": 2.0}]
+    changes = {"actuators": MOTORS, "nominal.actuators": {"bandwidth_Hz": 20.0}, "faults": losses}
+    settings = python_api.load_scenario("trio", changes | {"allocation": {"kind": "constrained"}})
+    setup = dataclasses.replace(experiment.make_experiment(settings, "C1"), duration=5.0)
+    result = flight.run_experiment(setup)
+    assert not result.termination_reason
+    np.testing.assert_allclose(result.records.effectiveness[-1], [0.44, 1.0, 1.0], atol=0.05)
+    assert np.linalg.norm(result.records.e_p[-1]) < 0.3
+    blind = dataclasses.replace(setup.controller, effectiveness_filter=None)
+    assert flight.run_experiment(dataclasses.replace(setup, controller=blind)).termination_reason
