@@ -1,7 +1,7 @@
 """Flights of `paper` at rotor limits: four rotors at 0.25 m without lag, and constrained allocation.
 
 The RMS position error is that from 4 s to 12 s. A limit is the sum of the largest rotor forces of a vehicle. There are
-three kinds of items:
+four kinds of items:
 
 - `C1 30 301`: one case, limit [N] and seed. The flight ends where the payload is 3 m from its reference.
 - `C1 share 301`: one case at 95 % of its rotor need. The rotor need is the mean over time and agents, in the flight at

@@ -109,6 +109,24 @@ def test_a_regrasp_is_a_perfectly_inelastic_impact(structure: tuple) -> None:
 
 
 @pytest.mark.parametrize("structure", teams.POOL)
+def test_an_impact_ends_on_the_constraints(structure: tuple) -> None:
+    """Tips are 1 cm away and move. Two more Newton steps satisfy the constraints; without an impact nothing changes."""
+    team, z = random_team(13, structure)
+    reference, rng = PinocchioTeam(team), np.random.default_rng(14)
+    _, v = reference.coordinates(z)
+    payload = dataclasses.replace(z.payload, p=z.payload.p + 0.006 * jnp.ones(3))
+    before = reference.state(dataclasses.replace(z, payload=payload), v + rng.normal(size=v.shape))
+    one = jax.jit(contact_dynamics.project_to_constraints)(team, before)
+    after = jax.jit(contact_dynamics.complete_impact)(team, one, jnp.array(True))
+    assert float(jnp.abs(grasp.constraint_rate(team, after)).max()) < 1e-9
+    assert float(jnp.abs(grasp.constraint_residual(team, after)).max()) < 1e-9
+    assert float(jnp.abs(grasp.constraint_rate(team, one)).max()) > 1e-6  # one step is not enough
+    unchanged = jax.jit(contact_dynamics.complete_impact)(team, one, jnp.array(False))
+    for found, given in zip(jax.tree.leaves(unchanged), jax.tree.leaves(one), strict=True):
+        np.testing.assert_array_equal(found, given)
+
+
+@pytest.mark.parametrize("structure", teams.POOL)
 def test_contact_forces_are_not_observable_from_motion(structure: tuple) -> None:
     """Any change d of the contact forces, with `A^T d` and `-G d` in the residuals, changes no acceleration.
 

@@ -334,17 +334,17 @@ class LeaderFollowerController:
             initialized=state.initialized,
             last_shortfall=state.last_shortfall,
         )
-        corrector = state.corrector
-        if self.residual_corrector is not None:
-            observation = residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
+        corrector, observation = state.corrector, self._observe(estimate, clock)
+        if health is not None:
+            modelled = state.last_f_hat if observation is None else observation.prediction
+            effectiveness = health.update(effectiveness, team, estimate, modelled, applied, clock.dt)
+            if observation is not None:
+                change = health.label_change(state.effectiveness, effectiveness, team, estimate, applied)
+                observation = dataclasses.replace(observation, next_label_change=change)
+            context = dataclasses.replace(context, team=health.limited(effectiveness, team))
+        if self.residual_corrector is not None and observation is not None:
             correction, corrector = self.residual_corrector.update(corrector, observation, clock)
             context = dataclasses.replace(context, correction=correction)
-        if health is not None:
-            modelled = state.last_f_hat if context.correction is None else context.correction.prediction
-            effectiveness = health.update(effectiveness, team, estimate, modelled, applied, clock.dt)
-            change = health.label_change(state.effectiveness, effectiveness, team, applied)
-            context, corrector = self._without_explained_error(context, corrector, change)
-            context = dataclasses.replace(context, team=health.limited(effectiveness, team))
         predictor = self.residual_predictor.update(state.control_law.predictor, self.residual_model, context)
         requested, control_law, telemetry = self.control_law(
             dataclasses.replace(state.control_law, predictor=predictor), context
@@ -369,27 +369,11 @@ class LeaderFollowerController:
         )
         return command, state, telemetry
 
-    def _without_explained_error(
-        self, context: ControlContext, corrector: PartState, change: tuple[Float[Array, "_agents"], ...]
-    ) -> tuple[ControlContext, PartState]:
-        """Remove the part of the correction that a change of rotor effectiveness explains.
-
-        Args:
-            context: Context with the correction of this control period.
-            corrector: State of the corrector.
-            change: Change of the labels along the thrust axes by the change of effectiveness, by group [N].
-
-        Returns:
-            Context and state; the given ones without a corrector.
-        """
-        correction = context.correction
-        if correction is None or self.residual_corrector is None:
-            return context, corrector
-        part = residual_correction.explained_error(correction.error, context.estimate, change)
-        correction = dataclasses.replace(
-            correction, error=part.removed_from(correction.error), rate=part.removed_from(correction.rate)
-        )
-        return dataclasses.replace(context, correction=correction), self.residual_corrector.remove(corrector, part)
+    def _observe(self, estimate: StateEstimate, clock: ControlClock) -> residual_correction.ResidualObservation | None:
+        """Return label and prediction of this control period; None without a residual corrector."""
+        if self.residual_corrector is None:
+            return None
+        return residual_correction.observe(self.residual_model, self.team, estimate, clock.dt)
 
     def control_law(
         self, state: ControlLawState, context: ControlContext

@@ -417,13 +417,14 @@ def project_to_constraints(team: Team, team_state: State) -> State:
 
 
 IMPACT_ITERATIONS = 2
-"""Newton steps after an impact that remove the products of its corrections: 1e-2 m, then 1e-4 m, then 1e-8 m."""
+"""Newton steps after that of the period; of a gap of 1e-2 m the three steps leave 1e-4 m, 1e-7 m and 1e-13 m."""
 
 
 def complete_impact(team: Team, state: State, closes: Bool[Array, ""]) -> State:
     """Repeat `project_to_constraints` after the period in which a contact has closed.
 
-    The distance and the relative velocity of a closing contact are not small, so one Newton step leaves their product.
+    The distance and the relative velocity of a closing contact are not small. One Newton step neglects the product of
+    their corrections.
 
     Args:
         team: Parameters with the closed contact.

@@ -187,7 +187,8 @@ class Faults:
         after it is the nearest one, in the metric of the mass matrix, at which no tip moves relative to its contact
         point (`contact_dynamics.project_to_constraints`). Impulses at the contacts cause the difference. Momenta are
         therefore conserved, and the kinetic energy decreases by that of the difference (Carnot's theorem). The same
-        projection closes the remaining distance.
+        projection closes the remaining distance. Two further steps remove the products of its corrections
+        (`contact_dynamics.complete_impact`).
 
         Args:
             team: True parameters without faults.

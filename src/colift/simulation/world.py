@@ -333,7 +333,7 @@ class SimulatedWorld:
             inputs, rotor_forces = self.faults.limit(inputs, state.rotor_forces, t)
         f = self.disturbance_forces(state.state, t, state.disturbances)
         regrasped, team = state.regrasped, self.team_at(t, state.regrasped)
-        closing = team  # impacts are at the end of the period, and the ground truth is that at its start
+        closing = team  # a contact that closes is closed in this period; the ground truth is that before it
         if self.faults is not None and regrasped is not None:
             regrasped = self.faults.regrasps(self.closed_team_at(t), state.state, regrasped, t)
             closing = self.team_at(t, regrasped)
@@ -341,7 +341,8 @@ class SimulatedWorld:
         z = self.plant.step(
             closing, state.state, inputs, lambda z, s: self.disturbance_forces(z, t + s, state.disturbances), dt
         )
-        if state.regrasped is not None and regrasped is not None:
+        rigid = isinstance(self.plant, contact_dynamics.RigidContactPlant)
+        if rigid and state.regrasped is not None and regrasped is not None:
             closes = [(new & ~old).any() for new, old in zip(regrasped, state.regrasped, strict=True)]
             z = contact_dynamics.complete_impact(closing, z, jnp.stack(closes).any())
         next_state = WorldState(

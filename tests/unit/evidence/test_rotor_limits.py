@@ -32,7 +32,7 @@ def test_an_error_must_not_increase_with_the_limit(smaller, larger, worse):
 def test_a_coarse_grid_of_the_first_seed_comes_first():
     items = rotor_limits.items()
     assert items[:2] == ["C1 29 301", "C1 30 301"]
-    assert len(items) == len(set(items)) == 3 * (43 * 5 + 2 * 20)
+    assert len(items) == len(set(items)) == 3 * (43 * 5 + 2 * 20 + 5)
 
 
 def test_the_need_of_least_squares_limits_a_constrained_flight(monkeypatch):

@@ -121,14 +121,16 @@ def test_a_residual_that_the_model_predicts_is_no_loss():
 def test_labels_change_by_the_change_of_the_assumed_thrust():
     before = simulate(0.5, 0.01)[-1][2]
     after = dataclasses.replace(before, in_use=jnp.array([0.5, 1.0]))
-    (change,) = FILTER.label_change(before, after, TEAM, command(np.array([20.0, 25.0])))
-    np.testing.assert_allclose(change, (before.in_use - after.in_use) * jnp.array([20.0, 25.0]))
+    at = estimated(np.zeros((2, 3)))
+    change = FILTER.label_change(before, after, TEAM, at, command(np.array([20.0, 25.0])))
+    np.testing.assert_array_equal(change.axes[0], at.agents[0].R[:, :, 2])
+    np.testing.assert_allclose(change.thrust[0], (before.in_use - after.in_use) * jnp.array([20.0, 25.0]))
     state, axes = before, np.asarray(paper.paper_experiment("C1").initial_state.agents[0].R)[:, :, 2]
     for _ in range(200):
         missing = (np.array([0.5, 1.0]) - np.asarray(state.in_use)) * 25.0
         state = update(state, jnp.asarray(missing[:, None] * axes), jnp.full(2, 25.0))
-    (total,) = FILTER.label_change(FILTER.init(TEAM), state, TEAM, command(np.full(2, 25.0)))
-    np.testing.assert_allclose(total, [12.5, 0.0], atol=0.1)
+    total = FILTER.label_change(FILTER.init(TEAM), state, TEAM, at, command(np.full(2, 25.0)))
+    np.testing.assert_allclose(total.thrust[0], [12.5, 0.0], atol=0.1)
 
 
 def test_the_controller_compensates_a_detected_loss_once():

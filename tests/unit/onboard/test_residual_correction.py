@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import itertools
 from typing import Any
 
 import jax
@@ -20,6 +19,7 @@ from colift.closed_loop import flight
 from colift.models.state import ControlClock, PayloadState, ResidualForces, Wrench, zero_residual
 from colift.onboard import interfaces
 from colift.onboard.control import tracking
+from colift.onboard.estimation.effectiveness import LabelChange
 from colift.onboard.estimation.nav_filter import FilterBandwidths
 from colift.onboard.estimation.state_estimator import StateEstimate, TrainingSample
 from colift.onboard.learning import features, residual_correction, residual_model, residual_predictors
@@ -341,39 +341,49 @@ def test_model_replacement_is_bumpless(kind):
     np.testing.assert_allclose(rate[:201], expected[:201], atol=500 * tolerance[0])
 
 
-def explained(error: np.ndarray, axes: np.ndarray, change: np.ndarray) -> residual_correction.ExplainedError:
-    """Return the part of errors of the agents' forces that changes of effectiveness explain; other outputs are 1."""
-    z = light_experiment().initial_state
-    team = light_experiment().controller.team
-    ones = jax.tree.map(jnp.ones_like, zero_residual(team))
-    ends, agents, states = np.cumsum((0, *team.sizes)), [], []
-    for i, (f, q) in enumerate(zip(ones.agents, z.agents, strict=True)):
-        part = slice(ends[i], ends[i + 1])
-        agents.append(dataclasses.replace(f, f_x=jnp.asarray(error[part])))
-        turned = np.stack([np.linalg.qr(np.column_stack([b, np.eye(3)[:, :2]]))[0][:, [1, 2, 0]] for b in axes[part]])
-        turned *= np.sign((turned[:, :, 2] * axes[part]).sum(-1))[:, None, None]
-        states.append(dataclasses.replace(q, R=jnp.asarray(turned)))
-    estimate = StateEstimate(agents=tuple(states), payload=z.payload, a_L=jnp.zeros(6), lam=())
-    changes = tuple(jnp.asarray(change[a:b]) for a, b in itertools.pairwise(ends))
-    forces = dataclasses.replace(ones, agents=tuple(agents))
-    return residual_correction.explained_error(forces, estimate, changes)
+def observed(label: ResidualForces, change: LabelChange | None = None) -> ResidualObservation:
+    """Return an observation with labels of all outputs and a model that predicts zero."""
+    return ResidualObservation(
+        label=label,
+        prediction=jax.tree.map(jnp.zeros_like, label),
+        update_index=jnp.zeros((), int),
+        label_valid=jax.tree.map(jnp.ones_like, label),
+        interval=constant(label, jnp.array(DT)),
+        next_label_change=change,
+    )
+
+
+def label_change(axes: np.ndarray, thrust: np.ndarray) -> LabelChange:
+    """Return changes of the labels along thrust axes, split into groups of agents."""
+    ends = np.cumsum(light_experiment().controller.team.sizes)[:-1]
+    axes_by_group, by_group = (tuple(map(jnp.asarray, np.split(x, ends))) for x in (axes, thrust))
+    return LabelChange(axes=axes_by_group, thrust=by_group)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_smallest_error_that_a_loss_explains_remains(seed):
-    """Along the thrust axis, the smallest of all errors ``d + s`` with s between 0 and the change; others stay."""
-    rng, n = np.random.default_rng(seed), sum(light_experiment().controller.team.sizes)
+    """Along the thrust axis, the smallest of all errors ``d + s`` with s between 0 and the change; others stay.
+
+    The second vector loses the same share as the first.
+    """
+    rng, team = np.random.default_rng(seed), light_experiment().controller.team
+    n, ones = sum(team.sizes), jax.tree.map(jnp.ones_like, zero_residual(team))
     error, axes, change = rng.normal(size=(n, 3)), rng.normal(size=(n, 3)), 2 * rng.normal(size=n)
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     if seed == 0:
         change[:] = 0.0
-    part = explained(error, axes, change)
-    after = part.removed_from(part.error)
+    parts = np.split(error, np.cumsum(team.sizes)[:-1])
+    agents = tuple(dataclasses.replace(f, f_x=jnp.asarray(d)) for f, d in zip(ones.agents, parts, strict=True))
+    d = residual_correction.flatten(dataclasses.replace(ones, agents=agents))
+    given = observed(ones, label_change(axes, change))
+    first, second = residual_correction.without_explained_error((d, 3 * d), given)
+    np.testing.assert_allclose(second, 3 * first, atol=1e-12)
+    after = residual_correction.unflatten(first, ones)
     found = np.concatenate([f.f_x for f in after.agents])
-    for d, b, c, remaining in zip(error, axes, change, found, strict=True):
-        candidates = d @ b + c * np.linspace(0, 1, 100001)
+    for d_k, b, c, remaining in zip(error, axes, change, found, strict=True):
+        candidates = d_k @ b + c * np.linspace(0, 1, 100001)
         np.testing.assert_allclose(remaining @ b, candidates[np.abs(candidates).argmin()], atol=1e-4)
-        np.testing.assert_allclose(remaining - (remaining @ b) * b, d - (d @ b) * b, atol=1e-12)
+        np.testing.assert_allclose(remaining - (remaining @ b) * b, d_k - (d_k @ b) * b, atol=1e-12)
     if seed == 0:
         np.testing.assert_array_equal(found, error)
     np.testing.assert_array_equal(after.agents[0].f_w, 1.0)
@@ -381,41 +391,29 @@ def test_the_smallest_error_that_a_loss_explains_remains(seed):
 
 
 def test_an_error_of_zero_contains_no_loss():
-    n = sum(light_experiment().controller.team.sizes)
-    part = explained(np.zeros((n, 3)), np.tile([0.0, 0.0, 1.0], (n, 1)), np.full(n, 10.0))
-    assert not any(np.any(f.f_x) for f in part.removed_from(part.error).agents)
+    team = light_experiment().controller.team
+    n, zero = sum(team.sizes), zero_residual(team)
+    given = observed(zero, label_change(np.tile([0.0, 0.0, 1.0], (n, 1)), np.full(n, 10.0)))
+    (after,) = residual_correction.without_explained_error((residual_correction.flatten(zero),), given)
+    assert not np.any(after)
 
 
 @pytest.mark.parametrize("kind", CORRECTORS)
 def test_correctors_drop_the_explained_error_and_its_rate(kind):
-    """A step of the label by 10 N follows for 5 periods. Its explanation leaves no error and no rate behind."""
+    """A label falls by 10 N for 5 periods. After its explanation neither error nor rate remains."""
     team, corrector = light_experiment().controller.team, CORRECTORS[kind]()
-    n, up = sum(team.sizes), np.array([0.0, 0.0, 1.0])
-    zero, on = zero_residual(team), jax.tree.map(jnp.ones_like, zero_residual(team))
+    n, up, zero = sum(team.sizes), np.array([0.0, 0.0, 1.0]), zero_residual(team)
     fallen = tuple(dataclasses.replace(f, f_x=f.f_x.at[:, 2].set(-10.0)) for f in zero.agents)
-
-    def step(state: Any, k: int, lost: bool) -> tuple:
-        observation = ResidualObservation(
-            label=dataclasses.replace(zero, agents=fallen) if lost else zero,
-            prediction=zero,
-            update_index=jnp.zeros((), int),
-            label_valid=on,
-            interval=constant(on, jnp.array(DT)),
-        )
-        return corrector.update(state, observation, ControlClock(t=jnp.array(k * DT), dt=jnp.array(DT)))
-
-    state = corrector.init(team)
-    for k in range(50):
-        _, state = step(state, k, lost=False)
-    for k in range(50, 55):
-        correction, state = step(state, k, lost=True)
-    before = np.concatenate([f.f_x for f in correction.error.agents])[:, 2]
-    assert (before < -0.05).all()
-    part = explained(before[:, None] * up, np.tile(up, (n, 1)), np.full(n, 10.0))
-    correction, _ = step(corrector.remove(state, part), 55, lost=False)
-    for value in (correction.error, correction.rate):
-        along = np.concatenate([f.f_x for f in value.agents])[:, 2]
-        np.testing.assert_allclose(along, 0.0, atol=1e-3 * np.abs(before).max())
+    lost = dataclasses.replace(zero, agents=fallen)
+    explained = label_change(np.tile(up, (n, 1)), np.full(n, 10.0))
+    state, found = corrector.init(team), []
+    observations = [observed(zero)] * 50 + [observed(lost)] * 5 + [observed(lost, explained), observed(zero)]
+    for k, observation in enumerate(observations):
+        correction, state = corrector.update(state, observation, ControlClock(t=jnp.array(k * DT), dt=jnp.array(DT)))
+        found.append([np.concatenate([f.f_x for f in x.agents])[:, 2] for x in (correction.error, correction.rate)])
+    size = np.abs(found[-3][0]).max()
+    assert (found[-3][0] < -0.05).all()
+    np.testing.assert_allclose(found[-2:], 0.0, atol=1e-3 * size)
 
 
 def test_kalman_filter_without_labels_returns_to_the_model():

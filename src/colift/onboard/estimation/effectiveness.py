@@ -48,6 +48,19 @@ class EffectivenessState:
 
 
 @pytree
+class LabelChange:
+    """Change of the agents' labels from the next control period on, by a change of the assumed rotor effectiveness.
+
+    Attributes:
+        axes: Thrust axes ``b_3`` of the agents, by group.
+        thrust: Change of the label along this axis, by group [N].
+    """
+
+    axes: tuple[Float[Array, "_agents 3"], ...]
+    thrust: tuple[Float[Array, "_agents"], ...]
+
+
+@pytree
 class EffectivenessFilter:
     """Kalman filter of the rotor effectiveness of each agent.
 
@@ -106,23 +119,30 @@ class EffectivenessFilter:
         )
 
     def label_change(
-        self, before: EffectivenessState, after: EffectivenessState, team: Team, command: TeamInputs
-    ) -> tuple[Float[Array, "_agents"], ...]:
-        """Return the change of the agents' labels along their thrust axes by a change of the effectiveness in use [N].
+        self,
+        before: EffectivenessState,
+        after: EffectivenessState,
+        team: Team,
+        estimate: StateEstimate,
+        command: TeamInputs,
+    ) -> LabelChange:
+        """Return the change of the agents' labels by a change of the effectiveness in use.
 
         Args:
-            before: State of the last labels.
-            after: State of the next labels.
+            before: State that the present labels assume.
+            after: State that the next labels assume.
             team: Nominal parameters.
+            estimate: State estimate, with the thrust axes.
             command: Inputs in effect, for effectiveness 1.
 
         Returns:
-            The differences of the assumed thrusts, by group.
+            The differences of the assumed thrusts along the thrust axes.
         """
-        return tuple(
+        thrust = tuple(
             (old - new) * part.u
             for old, new, part in zip(self._by_group(before, team), self._by_group(after, team), command, strict=True)
         )
+        return LabelChange(axes=tuple(q.R[:, :, 2] for q in estimate.agents), thrust=thrust)
 
     def limited(self, state: EffectivenessState, team: Team) -> Team:
         """Return the team with the thrusts that the agents can still generate."""

@@ -18,7 +18,6 @@ from colift.math.pytree import constant, pytree
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, ResidualForces
 from colift.onboard.learning.residual_correction import (
-    ExplainedError,
     Outputs,
     ResidualCorrection,
     ResidualObservation,
@@ -26,6 +25,7 @@ from colift.onboard.learning.residual_correction import (
     flatten,
     prediction_step,
     unflatten,
+    without_explained_error,
 )
 
 SETTLING_PERIODS = 10000
@@ -233,6 +233,9 @@ class ResidualKalmanFilter:
         step = prediction_step(observation, state.update_index, state.prediction, state.initialized)
         state = dataclasses.replace(state, delayed=state.delayed + step, d=state.d - step)
         next_state, nis = self.filter(state, f, observation, clock.dt)
+        found = (next_state.d, next_state.v, next_state.noise[0])
+        d, v, n = without_explained_error(found, observation)
+        next_state = dataclasses.replace(next_state, d=d, v=v, noise=(n, *next_state.noise[1:]))
         weight, std = next_state.weight_and_std()
         forces = lambda x: unflatten(x, observation.label)  # noqa: E731
         correction = ResidualCorrection(
@@ -247,19 +250,6 @@ class ResidualKalmanFilter:
             nis=(valid * nis).sum() / jnp.maximum(valid.sum(), 1.0),
         )
         return correction, dataclasses.replace(next_state, update_index=observation.update_index)
-
-    def remove(self, state: KalmanState, part: ExplainedError) -> KalmanState:
-        """Return the state without a part of the error that has another explanation.
-
-        Args:
-            state: Filter state.
-            part: Part of the error.
-
-        Returns:
-            The state without this part of error, rate and noise of the last label; covariances are unchanged.
-        """
-        d, v, n = map(part.removed_from_outputs, (state.d, state.v, state.noise[0]))
-        return dataclasses.replace(state, d=d, v=v, noise=(n, *state.noise[1:]))
 
     def filter(
         self, state: KalmanState, f: Outputs, observation: ResidualObservation, dt: Scalar

@@ -18,7 +18,6 @@ from colift.models.parameters import Team
 from colift.models.state import ControlClock, zero_residual
 from colift.onboard.estimation.nav_filter import FilterBandwidths
 from colift.onboard.learning.residual_correction import (
-    ExplainedError,
     Outputs,
     ResidualCorrection,
     ResidualObservation,
@@ -26,6 +25,7 @@ from colift.onboard.learning.residual_correction import (
     flatten,
     prediction_step,
     unflatten,
+    without_explained_error,
     zero_correction,
 )
 
@@ -119,6 +119,7 @@ class LabelFilter:
         stage1 = _low_pass(state.stage1 - step, y - sensor_lowpass, b)
         error = _low_pass(state.error - step, stage1, b)
         previous = jnp.where(valid > 0, state.error, state.previous) - step
+        error, stage1, previous = without_explained_error((error, stage1, previous), observation)
         elapsed = jnp.where(valid > 0, interval, state.time_since_label + dt)
         rate = state.initialized / elapsed * (error - previous)
         average = state.initialized * valid * -jnp.expm1(-interval / self.averaging_time)
@@ -146,19 +147,6 @@ class LabelFilter:
             label_valid=valid.min(),
         )
         return correction, next_state
-
-    def remove(self, state: LabelFilterState, part: ExplainedError) -> LabelFilterState:
-        """Return the state without a part of the error that has another explanation.
-
-        Args:
-            state: Filter state.
-            part: Part of the error.
-
-        Returns:
-            The state, with both stages of the filter and the error of the last label changed alike.
-        """
-        error, stage1, previous = map(part.removed_from_outputs, (state.error, state.stage1, state.previous))
-        return dataclasses.replace(state, error=error, stage1=stage1, previous=previous)
 
 
 def _low_pass(state: Outputs, x: Outputs, b: Float[Array, "*shape"]) -> Outputs:

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Int
 from colift.math.pytree import pytree
 from colift.models.parameters import Team
 from colift.models.state import ControlClock, ResidualForces, Wrench, split_agent_force, zero_residual
+from colift.onboard.estimation.effectiveness import LabelChange
 from colift.onboard.estimation.state_estimator import StateEstimate
 from colift.onboard.learning import residual_model
 
@@ -39,6 +40,8 @@ class ResidualObservation:
         update_index: Index of the model update whose model predicts.
         label_valid: 1 for outputs that have a label in this control period, 0 otherwise (`by_output`).
         interval: Time since the previous label of the output [s].
+        next_label_change: Change of the next labels by a change of the assumed rotor effectiveness; None without an
+            estimate of it. A corrector that does not use it compensates a detected loss of thrust twice for some time.
     """
 
     label: ResidualForces
@@ -46,6 +49,7 @@ class ResidualObservation:
     update_index: Int[Array, ""]
     label_valid: ResidualForces
     interval: ResidualForces
+    next_label_change: LabelChange | None = None
 
 
 def observe(
@@ -137,56 +141,44 @@ class ResidualCorrection:
         return jax.tree.map(jnp.add, self.prediction, self.error)
 
 
-@pytree
-class ExplainedError:
-    """Part of a model error that a change of rotor effectiveness explains.
+def without_explained_error(errors: tuple[Outputs, ...], observation: ResidualObservation) -> tuple[Outputs, ...]:
+    """Return an error of the model, and quantities that follow it, without the part that a loss of thrust explains.
 
-    Labels assume the effectiveness. If it changes from `theta` to `theta_new` at the thrust u, the label of an agent
-    changes by ``c = (theta - theta_new) u`` along its thrust axis ``b_3``. The corrector followed the loss before, so
-    its error d contains a part of c. The smallest error that c can explain remains::
+    Labels assume the rotor effectiveness. If it changes from `theta` to `theta_new` at the thrust u, the next label of
+    an agent changes by ``c = (theta - theta_new) u`` along its thrust axis ``b_3``. The corrector followed the loss
+    before, so its error d contains a part of c. Its component along ``b_3`` becomes the smallest of all
+    ``b_3 . d + s c`` with s in [0, 1]::
 
         d <- d - rho (b_3 . d) b_3,    rho = min(max(-c / (b_3 . d), 0), 1)
 
-    Attributes:
-        error: Error d before the change [N, N m].
-        axes: Thrust axes ``b_3`` of the agents, by group.
-        share: Shares ``rho``, by group.
-    """
-
-    error: ResidualForces
-    axes: tuple[Float[Array, "_agents 3"], ...]
-    share: tuple[Float[Array, "_agents"], ...]
-
-    def removed_from(self, forces: ResidualForces) -> ResidualForces:
-        """Return an error of the model, or its rate, without the explained part."""
-        agents = tuple(
-            dataclasses.replace(f, f_x=f.f_x - (rho * (f.f_x * b).sum(-1))[:, None] * b)
-            for f, b, rho in zip(forces.agents, self.axes, self.share, strict=True)
-        )
-        return dataclasses.replace(forces, agents=agents)
-
-    def removed_from_outputs(self, outputs: Outputs) -> Outputs:
-        """Return the same for the outputs of all bodies as one vector."""
-        return flatten(self.removed_from(unflatten(outputs, self.error)))
-
-
-def explained_error(
-    error: ResidualForces, estimate: StateEstimate, change: tuple[Float[Array, "_agents"], ...]
-) -> ExplainedError:
-    """Return the part of a model error that changes of rotor effectiveness explain.
-
     Args:
-        error: Error of the model [N, N m].
-        estimate: State estimate, with the thrust axes.
-        change: Change c of the label of each agent along its thrust axis, by group [N].
+        errors: Error d, then its rate or other states of a filter, which lose the same share ``rho`` [N, N m].
+        observation: Observation with the changes of the next labels; without them the errors are unchanged.
+
+    Returns:
+        The same quantities without the explained part.
     """
-    axes = tuple(q.R[:, :, 2] for q in estimate.agents)
-    along = [(f.f_x * b).sum(-1) for f, b in zip(error.agents, axes, strict=True)]
-    share = tuple(
-        jnp.where(d == 0, 0.0, jnp.clip(-c / jnp.where(d == 0, 1.0, d), 0.0, 1.0))
-        for c, d in zip(change, along, strict=True)
-    )
-    return ExplainedError(error=error, axes=axes, share=share)
+    change = observation.next_label_change
+    if change is None:
+        return errors
+    remaining = []
+    shares: list[Float[Array, "_agents"]] = []
+    for outputs in errors:
+        forces = unflatten(outputs, observation.label)
+        along = [(f.f_x * b).sum(-1) for f, b in zip(forces.agents, change.axes, strict=True)]
+        if not shares:
+            shares = [_explained_share(c, d) for c, d in zip(change.thrust, along, strict=True)]
+        agents = tuple(
+            dataclasses.replace(f, f_x=f.f_x - (rho * d)[:, None] * b)
+            for f, b, rho, d in zip(forces.agents, change.axes, shares, along, strict=True)
+        )
+        remaining.append(flatten(dataclasses.replace(forces, agents=agents)))
+    return tuple(remaining)
+
+
+def _explained_share(c: Float[Array, "agents"], d: Float[Array, "agents"]) -> Float[Array, "agents"]:
+    """Return the share ``rho`` of the errors d that the changes c explain."""
+    return jnp.where(d == 0, 0.0, jnp.clip(-c / jnp.where(d == 0, 1.0, d), 0.0, 1.0))
 
 
 def zero_correction(like: ResidualForces, t: Scalar) -> ResidualCorrection:
@@ -228,10 +220,6 @@ class ResidualCorrector(Protocol):
         self, state: Any, observation: ResidualObservation, clock: ControlClock
     ) -> tuple[ResidualCorrection, Any]:
         """Advance the estimator by one control period; return the correction and its state."""
-        ...
-
-    def remove(self, state: Any, part: ExplainedError) -> Any:
-        """Return the state whose error and rate do not contain a part that has another explanation."""
         ...
 
 
