@@ -49,3 +49,19 @@ def test_the_need_of_least_squares_limits_a_constrained_flight(monkeypatch):
         assert result["need_N"] == 40.0
         (target,) = [x for x in rotor_limits.targets({item: result}) if x.note == "0 of 1 flights"]
         assert target.description.endswith("of least squares") == (kind == "least_squares")
+
+
+@pytest.mark.parametrize("case", ["C1", "adaptive"])
+def test_in_a_dip_all_agents_have_90_percent_of_the_rotor_need(monkeypatch, case):
+    made = []
+    monkeypatch.setattr(rotor_limits, "fly", lambda *_: None)
+    monkeypatch.setattr(rotor_limits, "rotor_need", lambda _: 30.0)
+    monkeypatch.setattr(rotor_limits.experiment, "make_experiment", lambda *arguments: made.append(arguments))
+    monkeypatch.setattr(rotor_limits, "run_experiment", lambda _: None)
+    monkeypatch.setattr(rotor_limits.limits, "found", lambda _: {"before_m": 0.001})
+    assert rotor_limits.simulate_item(f"{case} dip 302") == {"before_m": 0.001, "need_N": 30.0}
+    ((settings, flown),) = made
+    assert (flown, settings.seed, settings.duration_s) == (case, 302, 20.0)
+    assert settings.control.position_error_bound_m is None
+    assert [(f.who, f.start_s, f.end_s) for f in settings.faults] == [("front", 12.0, 15.0), ("rear", 12.0, 15.0)]
+    assert [f.to for f in settings.faults] == pytest.approx([0.9 * 30 / 50] * 2)
