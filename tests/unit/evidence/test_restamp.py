@@ -146,7 +146,7 @@ def test_stored_keys_are_those_of_the_code(name):
     items = evidence.stored(name)["items"]
     assert evidence.renamed(items, name) == items
     text = "".join(
-        (evidence.ROOT / "evidence" / f"{one}.py").read_text() for one in (name, "engines", "contact_forces", "react")
+        (evidence.ROOT / "evidence" / f"{one}.py").read_text() for one in (name, "engines", "contact_forces", "limits", "react")
     )
     keys = {key for item in items.values() for key in nested_keys(item) if re.fullmatch(r"[A-Za-z]\w+", key)}
     assert keys <= words_of_code() | set(re.findall(r"\w+", text)) | COMPOSED
